@@ -4,13 +4,15 @@
     ./wall serve --udp 127.0.0.1:7000 --duration 10s
     python3 device.py 127.0.0.1:7000 --drop 0.05 --delay 0.05
 
-It ends when the environment does, and prints one line of JSON: what it counted by itself. Only the standard library is needed.
+It ends when the environment does, and prints one line of JSON: what it counted by itself. Only the standard library is
+needed; for --key-file also `pip install blake3`.
 A device keeps three rules (docs/serve.md): take only efforts with a higher number, hold each for no longer than it lasts, and
 never let the energy of a group of ports fall below its limit. Then nothing that the line does can make it draw energy that
 is not there.
 """
 
 import argparse
+import hmac
 import json
 import random
 import socket
@@ -39,6 +41,51 @@ def unpack_effort(data):
     group = struct.unpack_from(f"<{n}Q", data, 48 + 16 * n)
     status = struct.unpack_from("<I", data, 48 + 24 * n)[0]
     return {"session": session, "sequence": sequence, "lasts": lasts, "v": v, "limit": limit, "group": group, "status": status}
+
+
+def read_key(path):
+    """A key: 32 bytes, or 64 hexadecimal digits."""
+    with open(path, "rb") as file:
+        data = file.read()
+    key = data if len(data) == 32 else bytes.fromhex(data.decode("ascii"))
+    if len(key) != 32:
+        raise ValueError(f"{path}: a key is 32 bytes or 64 hexadecimal digits")
+    return key
+
+
+class Seal:
+    """Seals measurements and opens efforts with a key; without one it leaves them as they are."""
+
+    def __init__(self, key):
+        # Higher than all numbers of earlier lives, so that what was recorded then answers none of this one.
+        self.key, self.before, self.heard = key, time.time_ns(), 0
+        self.sent = self.before
+
+    def tag(self, body):
+        from blake3 import blake3
+
+        return blake3(body, key=self.key).digest()
+
+    def seal(self, packet):
+        if self.key is None:
+            return packet
+        self.sent += 1
+        body = struct.pack("<4sIQQ", b"BNDS", 1, self.sent, self.heard) + packet
+        return body + self.tag(body)
+
+    def open(self, data):
+        """The packet, or None where it is a stranger's, was heard before, or answers nothing that was sent."""
+        if self.key is None:
+            return data
+        if len(data) < 56 or data[:8] != struct.pack("<4sI", b"BNDS", 1):
+            return None
+        number, answered = struct.unpack_from("<QQ", data, 8)
+        if number <= self.heard or not self.before < answered <= self.sent:
+            return None
+        if not hmac.compare_digest(self.tag(data[:-32]), data[-32:]):
+            return None
+        self.heard = number
+        return data[24:-32]
 
 
 class Device:
@@ -119,6 +166,7 @@ def main():
     parser.add_argument("--delay", type=float, default=0.0, help="part of the packets that is up to 10 ms late")
     parser.add_argument("--thief", action="store_true", help="move so as to draw energy wherever the rules let it")
     parser.add_argument("--reply", action="store_true", help="measure half an interval after each effort, not at each step")
+    parser.add_argument("--key-file", help="the key that the environment has too: 32 bytes, or 64 hexadecimal digits")
     parser.add_argument("--give-up", type=float, default=5.0, help="end after so long without a word, s")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
@@ -130,6 +178,7 @@ def main():
     dice = random.Random(args.seed)
     out, back = Line(args.drop, args.delay, dice), Line(args.drop, args.delay, dice)
     device = Device(args.ports)
+    seal = Seal(read_key(args.key_file) if args.key_file else None)
     n = args.ports
     speed, push = [0.0] * n, [0.0] * n
     put_in = given_out = lowest = 0.0
@@ -145,7 +194,8 @@ def main():
             except (BlockingIOError, ConnectionRefusedError):
                 break
         for packet in back.take(now):
-            effort = unpack_effort(packet)
+            packet = seal.open(packet)
+            effort = unpack_effort(packet) if packet else None
             if effort:
                 heard = now
                 device.receive(effort, now)
@@ -164,15 +214,15 @@ def main():
         lowest = min(lowest, sum(device.w))
         # A held effort pushes back; a little drag keeps the mass in the room.
         speed = [s + (p - f - 2.0 * s) * dt / args.mass for s, p, f in zip(speed, push, held)]
-        if device.session == 0:
-            if now - told > 0.05:
-                told = now
-                out.put(now, device.measurement(now))
-        elif not args.reply:
-            out.put(now, device.measurement(now))
-        elif device.held["sequence"] != replied and now - device.came >= 0.5 * device.held["lasts"] / 3.0:
-            replied = device.held["sequence"]
-            out.put(now, device.measurement(now))
+        # Where nothing new comes it says so again now and then: the last one may have been lost.
+        due = now - told > 0.05
+        if device.session != 0 and not args.reply:
+            due = True
+        elif device.session != 0 and device.held["sequence"] != replied:
+            due = due or now - device.came >= 0.5 * device.held["lasts"] / 3.0
+        if due:
+            told, replied = now, device.held and device.held["sequence"]
+            out.put(now, seal.seal(device.measurement(now)))
         for packet in out.take(now):
             try:
                 line.sendto(packet, peer)

@@ -52,8 +52,6 @@ pub struct ControllerOptions {
     pub min_step_exponential: f64,
     /// Part of the usual step below which a step from rest, that is off by as much as a longer one, is small enough.
     pub fresh_step: f64,
-    /// Part of its size over a longer step that a state at rest falls below, where exponential laws move it at all.
-    pub fresh_size: f64,
     /// Part of the usual step below which steps crawl.
     pub crawl: f64,
     /// Steps in a row that may crawl and are met only at another attempt; then the run stops.
@@ -62,8 +60,6 @@ pub struct ControllerOptions {
     pub crawl_refund: u32,
     /// Part of the usual step of which a run has more steps than it will ever come through.
     pub endless: f64,
-    /// Part of the usual step below which equations without a solution are left to the fallback stepper.
-    pub fallback_step: f64,
     /// Attempts that fail before the fallback stepper tries.
     pub max_own_failures: u32,
     /// Part below which what a balance is off by falls when the step is cut, where a quadrature is why.
@@ -103,12 +99,10 @@ impl Default for ControllerOptions {
             min_step: 1e-12,
             min_step_exponential: 1e-290,
             fresh_step: 1e-3,
-            fresh_size: 0.95,
             crawl: 1e-5,
             max_crawling: 20_000,
             crawl_refund: 4,
             endless: 1e-7,
-            fallback_step: 1e-2,
             max_own_failures: 6,
             balance_decay: 1.0 / 16.0,
             phase_start: 1.0 / 3.0,
@@ -145,8 +139,6 @@ pub struct ErrorOptions {
     pub thrown_ratio: f64,
     /// Part of what a state begins to move by that it may miss in a step after an event.
     pub missed_move: f64,
-    /// Ratio of each step that is tried for that to the one before.
-    pub missed_shrink: f64,
     /// How many are tried.
     pub missed_looks: i32,
 }
@@ -163,7 +155,6 @@ impl Default for ErrorOptions {
             max_first_move: 1.0 / 256.0,
             thrown_ratio: 32.0,
             missed_move: 0.75,
-            missed_shrink: 0.25,
             missed_looks: 10,
         }
     }

@@ -2,7 +2,7 @@
 //! out never exceeds what was put in.
 
 use crate::common::{cases, models, text, with};
-use bond::exchange::{Device, Effort, Exchange, Heard, Measurement, PORTS};
+use bond::exchange::{Device, Effort, Exchange, Heard, Measurement, OFFERS, PORTS};
 use bond::internal::CompiledInternals;
 use bond::{Compiled, Options, Steps};
 use proptest::prelude::*;
@@ -367,4 +367,77 @@ fn a_device_that_starts_anew_is_refused() {
         let m = Measurement { session: 6, ..told(&exchange, 1, w) };
         assert_eq!(exchange.hear(&m), Heard::Foreign, "{w}");
     }
+}
+
+/// A device draws all that it is let and leaves, its last measurements lost; the next one joins and does the same. In
+/// all they draw no more than there was and what they put in, whatever was booked when.
+#[test]
+fn devices_that_follow_each_other_draw_no_more_than_one() {
+    let compiled = text(TWO);
+    let mut untold = 0.0;
+    for seed in 1..=40 {
+        let mut exchange = Exchange::new(&compiled, Steps::new(), 5, 3).unwrap_or_else(|e| panic!("{e}"));
+        let initial = exchange.effort().stored;
+        let (mut dice, mut now) = (Dice(seed * 7919), 0.0);
+        let (mut own, mut put_in) = (0.0f64, 0.0f64);
+        for life in 1..=4 {
+            let (mut device, mut heard) = (Device::new(2), true);
+            assert!(device.receive(&exchange.offer(), now));
+            for k in 0..100 {
+                now += 2e-3;
+                let dq = [0, 1].map(|i| match device.effort(i, now) {
+                    v if dice.roll() < 0.6 && v != 0.0 => -v.signum() * 0.01 * dice.roll(),
+                    _ => 0.01 * dice.swing(),
+                });
+                let efforts = [0, 1].map(|i| device.part(i, &dq, now) * device.effort(i, now));
+                device.moved(&dq, &efforts);
+                let energy: f64 = (0..2).map(|i| efforts[i] * dq[i]).sum();
+                (own, put_in) = (own + energy, put_in + energy.max(0.0));
+                assert!(-own <= initial + 1e-12 * (initial + put_in), "{life}, {k}: {own} J of {initial} J");
+                let m = device.measurement(now);
+                // From some time on it is not heard any more.
+                heard = heard && (k < 2 || dice.roll() < 0.95);
+                if heard {
+                    let new = if k == 0 { exchange.join(&m) } else { exchange.hear(&m) };
+                    assert_eq!(new, Heard::New);
+                }
+                exchange.tick().unwrap_or_else(|e| panic!("{e}"));
+                device.receive(exchange.effort(), now);
+            }
+            assert_eq!(exchange.count().joined, life);
+        }
+        untold += exchange.count().untold;
+        assert!(put_in > 0.01, "{put_in} J: {:?}", exchange.count());
+        assert!(exchange.summary().reasons.is_empty(), "{:?}", exchange.summary().reasons);
+    }
+    assert!(untold > 0.1, "{untold} J were untold");
+}
+
+/// Only what was offered joins: not a session of before, of another offer, or with impossible numbers.
+#[test]
+fn who_was_offered_nothing_does_not_join() {
+    let compiled = text(TWO);
+    let mut exchange = Exchange::new(&compiled, Steps::new(), 5, 3).unwrap_or_else(|e| panic!("{e}"));
+    let offer = exchange.offer();
+    assert_eq!(offer.v, [0.0; PORTS]);
+    let m = Measurement { session: offer.session, sequence: 1, ports: 2, ..Measurement::default() };
+    let beyond = Measurement { w: [1e200; PORTS], ..m };
+    for wrong in [
+        Measurement { session: 5, ..m },
+        Measurement { session: offer.session + OFFERS, ..m },
+        Measurement { sequence: 0, ..m },
+        Measurement { ports: 1, ..m },
+        Measurement { echo: 1, ..m },
+        beyond,
+    ] {
+        assert_eq!(exchange.join(&wrong), Heard::Foreign, "{wrong:?}");
+        assert!(!exchange.is_joined());
+    }
+    assert_eq!(exchange.join(&Measurement { session: offer.session + OFFERS - 1, ..m }), Heard::New);
+    assert_eq!(exchange.join(&m), Heard::Foreign, "that offer is over");
+    let next = Measurement { session: exchange.offer().session, ..m };
+    let counted = allocation_counter::measure(|| {
+        exchange.join(&next);
+    });
+    assert_eq!((counted.count_total, exchange.count().joined), (0, 2));
 }

@@ -59,8 +59,7 @@ fn a_wall_gives_no_work_from_its_heat() {
 #[test]
 fn heat_crosses_a_bar_of_temperature() {
     let run = |sampled: bool| {
-        let (open, close, bar) =
-            if sampled { ("sampled every 0.1 s {", "}", "||>") } else { ("", "", "->") };
+        let (open, close, bar) = if sampled { ("sampled every 0.1 s {", "}", "||>") } else { ("", "", "->") };
         let compiled = text(&format!(
             "use std.thermal
 model Warm {{

@@ -3,8 +3,9 @@
 use crate::input::{self, Set, Which};
 use crate::serve::link::Link;
 use crate::serve::log::Log;
+use crate::serve::peer::{self, Peer};
 use crate::serve::report::{self as told, Outcome};
-use crate::serve::{Pipe, Shared, Udp, Until, clock, serve as exchange};
+use crate::serve::{Pipe, Shared, Udp, Until, Who, clock, serve as exchange};
 use crate::stop::Stop;
 use crate::{output, report};
 use bond::Steps;
@@ -23,11 +24,12 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// The help text below the options, for a command with this name.
 pub fn help(called: &str) -> String {
     format!(
-        "Examples:\n  {called} --udp 127.0.0.1:7000 --duration 60s --report json\n  {called} --udp 0.0.0.0:7000 --priority 80 --core 1 \
---lock-memory --ledger wall.csv\n  {called} --stdio --lockstep < moves.csv\n  {called} --shm wall\n\nThe rate is that of the sampled region behind the open \
-ports. The clock starts with the first measurement.\n\nLines: each line out has the value held at each port, then the energy in J that may be drawn; each line \
+        "Examples:\n  {called} --udp 127.0.0.1:7000 --duration 60s --report json\n  {called} --udp 127.0.0.1:7000 --priority 80 --core 1 \
+--lock-memory --ledger wall.csv\n  {called} --udp 0.0.0.0:7000 --key-file wall.key\n  {called} --stdio --lockstep < moves.csv\n  {called} --shm wall\n\nThe rate is that of the sampled region behind the open \
+ports. The clock starts with the first measurement.\n\nAn address that other machines can reach asks for --key-file or --peer. `openssl rand -hex 32 > wall.key` makes \
+a key.\nA device that says nothing for a second has left; then another may join.\n\nLines: each line out has the value held at each port, then the energy in J that may be drawn; each line \
 in has how far\neach port moved under it. docs/serve.md describes the packets, and what keeps a device passive over a lossy line;\n\
-models/embed/device.py is a device in Python.\n\nServing ends after --duration, at the end of standard input, or with Ctrl-C, and then reports."
+models/embed/device.py is a device in Python.\n\nServing ends after --duration, whether or not a device came, at the end of standard input, or with Ctrl-C, and then reports."
     )
 }
 
@@ -60,10 +62,15 @@ pub struct How {
     /// No clock: each interval waits for its measurement
     #[arg(long)]
     lockstep: bool,
-    /// The device's address. Default: the first that sends a measurement
-    #[arg(long, value_name = "ADDR:PORT", value_parser = address)]
-    peer: Option<SocketAddr>,
-    /// How long to serve, from the first measurement on. Default: without end
+    /// The device's address, with or without a port: only it may speak. Default: any
+    #[arg(long, value_name = "ADDRESS")]
+    peer: Option<Peer>,
+    /// A file with a key that the device has too: only packets that are sealed with it count. It holds 32 bytes, or 64
+    /// hexadecimal digits
+    #[arg(long, value_name = "FILE")]
+    key_file: Option<PathBuf>,
+    /// How long to serve, from the start on, whether or not a device comes; with --lockstep, in the scene's time.
+    /// Default: without end
     #[arg(long, value_name = "T", value_parser = input::span, allow_negative_numbers = true)]
     duration: Option<f64>,
     /// Intervals for which an effort is held without a newer one, on either side; then 0 is held
@@ -142,6 +149,7 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
         (args.binary, "--binary", "--stdio", args.line.stdio),
         (args.lockstep, "--lockstep", "--stdio", args.line.stdio),
         (args.peer.is_some(), "--peer", "--udp", args.line.udp.is_some()),
+        (args.key_file.is_some(), "--key-file", "--udp", args.line.udp.is_some()),
     ] {
         if asked && !there {
             return Err(Stop::Usage(format!("{option} is for {line} only")));
@@ -150,6 +158,13 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
     if args.line.stdio && args.ledger.as_deref() == Some(Path::new("-")) {
         return Err(Stop::Usage("standard output has the efforts; give --ledger a file".into()));
     }
+    if let Some(address) = args.line.udp {
+        peer::is_told_from_strangers(address, args.peer.is_some() || args.key_file.is_some())?;
+    }
+    if let (Some(ledger), Some(file)) = (&args.ledger, &args.key_file) {
+        output::not_over(ledger, &[(file, "the key")])?;
+    }
+    let key = args.key_file.as_deref().map(peer::key).transpose()?;
     let options = Steps::new().resolve(settings, settings.stop.unwrap_or(1.0), settings.every)?;
     // Later sessions have higher numbers.
     let session = SystemTime::now().duration_since(UNIX_EPOCH).map_or(1, |t| t.as_nanos() as u64).max(1);
@@ -175,14 +190,15 @@ pub fn meet(scene: &Scene, settings: &Settings, args: &How) -> Result<(), Stop> 
     let without = clock::ask(wishes, &say);
     let ports = scene.open.len();
     let mut link = match &args.line {
-        Line { udp: Some(address), .. } => Link::Udp(Udp::new(*address, args.peer, ports)?),
+        Line { udp: Some(address), .. } => {
+            Link::Udp(Udp::new(*address, Who { peer: args.peer, key }, &scene_side, args.priority)?)
+        }
         Line { shm: Some(name), .. } => Link::Shared(Shared::new(name, ports)?),
         Line { .. } => Link::Pipe(Box::new(Pipe::new(args.binary, ports, session))),
     };
     let line = link.name();
     say(&format!("`{}` at {} intervals a second, {line}", scene.name, 1.0 / scene_side.period()));
-    let intervals = args.duration.map(|t| (t / scene_side.period()).round() as u64);
-    let until = Until { intervals, asked: &asked, lockstep: args.lockstep };
+    let until = Until { duration: args.duration, asked: &asked, lockstep: args.lockstep };
     let end = exchange(&mut scene_side, &mut link, log.as_mut(), &until);
     let lost = log.map(Log::end).transpose()?.unwrap_or(0);
     if lost > 0 {

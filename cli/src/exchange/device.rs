@@ -28,6 +28,11 @@ impl Device {
         Self { held, came, sequence: 0, q: [0.0; PORTS], w: [0.0; PORTS] }
     }
 
+    /// The session that it is in; 0 before it knows one.
+    pub fn session(&self) -> u64 {
+        self.held.session
+    }
+
     /// Takes an effort that came at `now`, s of the device's own clock. Whether it counts.
     pub fn receive(&mut self, effort: &Effort, now: f64) -> bool {
         if effort.ports != self.held.ports || effort.session == 0 {

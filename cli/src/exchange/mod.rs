@@ -8,12 +8,15 @@
 mod device;
 mod packet;
 mod promise;
+mod seal;
 
 pub use device::Device;
 pub use packet::{
     EFFORT, END, Effort, LATE, LONGEST, MEASUREMENT, MISSING, Measurement, PORTS, SILENT, crc, effort_length,
     measurement_length,
 };
+
+pub use seal::{DeviceSeal, Key, KeyError, LONGEST_SEALED, SEALED, SEALED_VERSION, Sealed, sealed_length};
 
 use promise::Promises;
 
@@ -49,6 +52,10 @@ pub enum Unfit {
     #[error("{0}")]
     Start(#[from] RunError),
 }
+
+/// How many sessions are offered at once. Each address is offered another one, so that two devices that ask at the same
+/// time are told apart.
+pub const OFFERS: u64 = 1 << 16;
 
 /// How a measurement was received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,6 +93,11 @@ pub struct Count {
     pub put_in: f64,
     /// Energy that the device drew, J: the sum over the other intervals.
     pub given_out: f64,
+    /// Devices that joined.
+    pub joined: u64,
+    /// The part of `given_out` that nobody told of, J: what devices that left may have drawn after their last
+    /// measurement.
+    pub untold: f64,
     /// The least energy that the environment could give back at any time, J.
     pub least: f64,
     /// What the device drew past its limits, J.
@@ -94,6 +106,17 @@ pub struct Count {
 
 /// What of the energies there a device may draw past its limits: rounding.
 const OVERDRAWN: f64 = 1e-11;
+
+/// Movements and energies by port.
+#[derive(Clone, Copy, Debug)]
+struct Sums {
+    q: [f64; PORTS],
+    w: [f64; PORTS],
+}
+
+impl Sums {
+    const NONE: Self = Self { q: [0.0; PORTS], w: [0.0; PORTS] };
+}
 
 /// A scene connected to a device.
 pub struct Exchange<'a> {
@@ -114,7 +137,10 @@ pub struct Exchange<'a> {
     taken: Measurement,
     newest: Measurement,
     fresh: bool,
-    /// Whether the device restarted: the last movements of the old one are unknown.
+    /// What devices that left moved and put in, in all; and what of it is to be booked at the next tick.
+    former: Sums,
+    owed: Sums,
+    /// Whether the device restarted: the last movements of the old one are unknown, and the new one has to join.
     replaced: bool,
     silent: u32,
     effort: Effort,
@@ -165,6 +191,8 @@ impl<'a> ExchangeInternals<'a> for Exchange<'a> {
             taken: Measurement { session, ports, ..Measurement::default() },
             newest: Measurement { session, ports, ..Measurement::default() },
             fresh: false,
+            former: Sums::NONE,
+            owed: Sums::NONE,
             replaced: false,
             silent: 0,
             effort: Effort { session, ports, ..Effort::default() },
@@ -191,14 +219,83 @@ impl Exchange<'_> {
         &self.count
     }
 
-    /// Booked energy that the device put in, J.
+    /// Booked energy that devices put in, J.
     pub fn energy(&self) -> f64 {
-        self.taken.w.iter().sum()
+        self.former.w.iter().sum::<f64>() + self.taken.w.iter().sum::<f64>()
     }
 
     /// Booked movement of a port.
     pub fn place(&self, port: usize) -> f64 {
-        self.taken.q.get(port).copied().unwrap_or(0.0)
+        let sum = |list: &[f64; PORTS]| list.get(port).copied().unwrap_or(0.0);
+        sum(&self.former.q) + sum(&self.taken.q)
+    }
+
+    /// Whether a device has joined.
+    pub fn is_joined(&self) -> bool {
+        self.newest.sequence > 0
+    }
+
+    /// The session whose measurements are received; none where the device restarted, so that none of it counts.
+    pub fn session(&self) -> Option<u64> {
+        (!self.replaced).then_some(self.newest.session)
+    }
+
+    /// What a device gets that may join: nothing to hold, in the first of [`OFFERS`] sessions. A device that was given
+    /// any of these sessions joins by its first measurement in it.
+    pub fn offer(&self) -> Effort {
+        let Effort { time, lasts, ports, group, .. } = self.effort;
+        Effort { session: self.offered(), time, lasts, ports, group, status: SILENT, ..Effort::default() }
+    }
+
+    /// The first session that is offered: higher than the present one, and than all that were offered with it.
+    fn offered(&self) -> u64 {
+        (self.newest.session | (OFFERS - 1)).saturating_add(1)
+    }
+
+    /// Receives the measurement by which a device joins in a session that [`Self::offer`] gave it. The session before,
+    /// if a device was in it, is over: all that this one may have drawn since its last measurement counts as drawn.
+    /// The caller makes sure that this one has left.
+    pub fn join(&mut self, m: &Measurement) -> Heard {
+        let offered = m.session.checked_sub(self.offered()).is_some_and(|n| n < OFFERS);
+        let sound = m.ports == self.newest.ports && m.echo <= self.k && m.sequence > 0 && !m.is_beyond();
+        if !offered || !sound {
+            self.count.foreign += 1;
+            return Heard::Foreign;
+        }
+        if self.is_joined() {
+            self.part();
+        }
+        self.taken = Measurement { session: m.session, ports: m.ports, ..Measurement::default() };
+        self.effort.session = m.session;
+        self.newest = *m;
+        (self.fresh, self.replaced) = (true, false);
+        self.count.joined += 1;
+        Heard::New
+    }
+
+    /// Closes the sums of a device that left. Nobody knows what it drew after its last measurement; it is at most what
+    /// the limits let it.
+    fn part(&mut self) {
+        for i in 0..self.taken.ports {
+            self.owed.q[i] += self.newest.q[i] - self.taken.q[i];
+            self.owed.w[i] += self.newest.w[i] - self.taken.w[i];
+            self.former.q[i] += self.newest.q[i];
+            self.former.w[i] += self.newest.w[i];
+        }
+        for group in 0..self.clusters.len() {
+            let least = self.promises.least(group, self.newest.echo);
+            let untold = sum(&self.group, &self.newest.w, group) - least;
+            // A budget that is off bounds nothing.
+            let bound = untold.is_finite() && untold > 0.0;
+            if let Some(first) = self.group.iter().position(|g| *g == group).filter(|_| bound) {
+                self.owed.w[first] -= untold;
+                self.former.w[first] -= untold;
+                self.count.untold += untold;
+            }
+        }
+        self.promises.forget();
+        // The next device is promised nothing in the interval that runs.
+        (0..self.clusters.len()).for_each(|group| self.promises.give(self.k, group, 0.0));
     }
 
     /// The ledger. Where the device drew past its limits, the verdict says so in the place of what that makes of the
@@ -225,7 +322,7 @@ impl Exchange<'_> {
 
     /// Receives a measurement.
     pub fn hear(&mut self, m: &Measurement) -> Heard {
-        let begun = self.newest.sequence > 0;
+        let begun = self.is_joined();
         let ours = m.session == self.newest.session && m.ports == self.newest.ports && m.echo <= self.k;
         let heard = if !ours || m.is_beyond() {
             Heard::Foreign
@@ -234,6 +331,7 @@ impl Exchange<'_> {
             self.replaced = true;
             Heard::Foreign
         } else if m.sequence > self.newest.sequence {
+            self.count.joined += u64::from(!begun);
             self.newest = *m;
             self.fresh = true;
             Heard::New
@@ -267,13 +365,15 @@ impl Exchange<'_> {
             self.note_overdrawn();
             let mut net = 0.0;
             for i in 0..self.taken.ports {
-                let (q, w) = (self.newest.q[i] - self.taken.q[i], self.newest.w[i] - self.taken.w[i]);
+                let q = self.newest.q[i] - self.taken.q[i] + self.owed.q[i];
+                let w = self.newest.w[i] - self.taken.w[i] + self.owed.w[i];
                 net += w;
                 self.sim.tell(i, Report { q, energy: Some(w), gap: self.silent, silent: false });
             }
             self.count.put_in += net.max(0.0);
             self.count.given_out += (-net).max(0.0);
             self.taken = self.newest;
+            self.owed = Sums::NONE;
             self.silent = 0;
         } else {
             self.count.missing += 1;
@@ -344,7 +444,8 @@ impl Exchange<'_> {
             *room = self.sim.kept(*c);
             // The same without what rounding does to a store that is far larger than what was put in.
             if let Some(initial) = self.initial[group] {
-                *room = room.min(initial + sum(&self.group, &self.taken.w, group));
+                let put_in = sum(&self.group, &self.former.w, group) + sum(&self.group, &self.taken.w, group);
+                *room = room.min(initial + put_in);
             }
         }
         let own: f64 = self.rooms.iter().sum();

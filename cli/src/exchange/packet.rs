@@ -186,6 +186,12 @@ impl Measurement {
         self.q.iter().chain(&self.w).any(|x| x.is_nan() || x.abs() > LARGEST_SUM)
     }
 
+    /// The session that bytes name if they are a measurement, which is not looked at.
+    pub fn session_of(bytes: &[u8]) -> Option<u64> {
+        let (session, _) = bytes.strip_prefix(&MEASUREMENT)?.get(4..)?.split_first_chunk::<8>()?;
+        Some(u64::from_le_bytes(*session))
+    }
+
     /// Writes it into a buffer of [`LONGEST`] bytes; its length.
     pub fn write(&self, to: &mut [u8]) -> usize {
         let ports = self.ports.min(PORTS);
@@ -262,6 +268,10 @@ mod tests {
             let n = m.write(&mut buffer);
             assert_eq!(n, measurement_length(ports));
             assert_eq!(Measurement::read(&buffer[..n]), Some(m));
+            assert_eq!(
+                (Measurement::session_of(&buffer[..n]), Measurement::session_of(&buffer[..15])),
+                (Some(7), None)
+            );
             for at in 0..n {
                 let mut wrong = buffer;
                 wrong[at] ^= 0x10;

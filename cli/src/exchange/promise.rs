@@ -26,6 +26,12 @@ impl Promises {
         }
     }
 
+    /// Forgets all promises: who they were made to has left.
+    pub(super) fn forget(&mut self) {
+        self.limits.fill(f64::INFINITY);
+        self.older.fill(f64::INFINITY);
+    }
+
     /// The limit of a group in interval `k`; intervals come in order, groups in order in each.
     pub(super) fn give(&mut self, k: u64, group: usize, limit: f64) {
         let place = &mut self.limits[(k % PROMISES_KEPT as u64) as usize * self.groups + group];

@@ -81,6 +81,12 @@ pub fn ask(wishes: Wishes, say: &dyn Fn(&str)) -> Vec<String> {
     refused
 }
 
+/// Puts the calling thread, which has taken part in what was granted, behind the one with this priority.
+pub fn stand_behind(priority: u8) {
+    // It was refused to that one too, or a lower one is always granted.
+    let _ = prioritise(priority.saturating_sub(1).max(1));
+}
+
 #[cfg(target_os = "linux")]
 fn slack() -> Result<(), String> {
     rustix::thread::set_current_timer_slack(NonZeroU64::new(1)).map_err(|e| e.to_string())

@@ -5,7 +5,7 @@ use super::pipe::Pipe;
 use super::shared::Shared;
 use super::udp::Udp;
 use crate::stop::Stop;
-use bond::exchange::Effort;
+use bond::exchange::Exchange;
 
 /// A line to the outside.
 pub enum Link {
@@ -18,18 +18,19 @@ pub enum Link {
 }
 
 impl Link {
-    /// Hands over what is held.
+    /// Hands over what is held. If the line is vacant, a device that asks is offered a session.
     ///
     /// # Errors
     /// Nobody reads it any more.
-    pub fn send(&mut self, effort: &Effort) -> Result<(), Stop> {
+    pub fn send(&mut self, exchange: &Exchange<'_>, vacant: bool) -> Result<(), Stop> {
         match self {
             Link::Udp(l) => {
-                l.send(effort);
+                l.send(exchange, vacant);
                 Ok(())
             }
-            Link::Pipe(l) => l.send(effort),
-            Link::Shared(l) => l.send(effort),
+            Link::Pipe(l) => l.send(exchange.effort()),
+            Link::Shared(l) if vacant => l.send(&exchange.offer()),
+            Link::Shared(l) => l.send(exchange.effort()),
         }
     }
 
@@ -37,16 +38,25 @@ impl Link {
     ///
     /// # Errors
     /// What came makes no sense, and nothing after it can.
-    pub fn receive(&mut self) -> Result<Option<Arrival>, Stop> {
+    pub fn receive(&mut self, vacant: bool) -> Result<Option<Arrival>, Stop> {
         match self {
-            Link::Udp(l) => Ok(l.receive()),
+            Link::Udp(l) => Ok(l.receive(vacant)),
             Link::Pipe(l) => l.receive(),
             Link::Shared(l) => Ok(l.receive()),
         }
     }
 
-    /// Whether packets may be lost, so that an effort is sent again until it is answered.
-    pub fn repeats(&self) -> bool {
+    /// What was received last counts: efforts go to where it came from.
+    pub fn accept(&mut self) {
+        match self {
+            Link::Udp(l) => l.accept(),
+            Link::Pipe(_) | Link::Shared(_) => {}
+        }
+    }
+
+    /// Whether devices come and go, and packets may be lost. Who is at the other end of a pipe stays there until it
+    /// ends.
+    pub fn changes_hands(&self) -> bool {
         match self {
             Link::Udp(_) | Link::Shared(_) => true,
             Link::Pipe(_) => false,

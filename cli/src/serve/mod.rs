@@ -3,25 +3,33 @@
 mod arrival;
 pub mod clock;
 pub mod link;
+mod listener;
 pub mod log;
 mod meter;
+pub mod peer;
 mod pipe;
 pub mod report;
 mod shared;
 mod udp;
 
+pub use listener::Who;
 pub use pipe::Pipe;
 pub use shared::Shared;
 pub use udp::Udp;
 
 use crate::stop::Stop;
-use arrival::EFFORTS_KEPT;
+use arrival::{EFFORTS_KEPT, MEASUREMENTS_QUEUED};
 use bond::RunError;
 use bond::exchange::{Exchange, Heard};
 use link::Link;
 use log::Log;
 use meter::Meter;
 use std::sync::atomic::{AtomicBool, Ordering};
+
+/// A device of which nothing new is heard for so long, ns, has left, and another may join.
+const GONE: f64 = 1e9;
+/// At least so many intervals, of which each has a measurement.
+const GONE_INTERVALS: f64 = 2.0;
 /// How often the last packet is sent, if it may be lost.
 const FAREWELLS: u32 = 3;
 
@@ -45,8 +53,8 @@ pub struct Times {
 
 /// When it is over.
 pub struct Until<'a> {
-    /// Intervals.
-    pub intervals: Option<u64>,
+    /// How long it goes on, s: by the clock, from the start, whoever comes; without a clock, of the scene's time.
+    pub duration: Option<f64>,
     /// Somebody asked for the end.
     pub asked: &'a AtomicBool,
     /// There is no clock: each interval waits for its measurement.
@@ -69,26 +77,45 @@ struct Loop<'a, 'b> {
     link: &'a mut Link,
     sent: Vec<u64>,
     times: Times,
+    /// When something new was heard, and how long after that the device has left, ns.
+    heard: u64,
+    patience: u64,
 }
 
 impl Loop<'_, '_> {
+    /// Whether no device is there, so that one may join.
+    fn is_vacant(&self) -> bool {
+        let gone = || clock::now().saturating_sub(self.heard) > self.patience;
+        self.link.changes_hands() && (!self.exchange.is_joined() || gone())
+    }
+
     /// Sends what is held.
     fn send(&mut self) -> Result<(), Stop> {
         self.sent[(self.exchange.effort().sequence % EFFORTS_KEPT as u64) as usize] = clock::now();
-        self.link.send(self.exchange.effort())
+        self.link.send(self.exchange, self.is_vacant())
     }
 
-    /// Takes in what came; whether something new did.
+    /// Takes in what came, a bounded number of packets; whether something new did.
     fn hear(&mut self) -> Result<bool, Stop> {
         let mut new = false;
-        while let Some(arrival) = self.link.receive()? {
+        for _ in 0..MEASUREMENTS_QUEUED {
+            let vacant = self.is_vacant();
+            let Some(arrival) = self.link.receive(vacant)? else { break };
             let m = &arrival.measurement;
             // A device that knows no session says that it is there.
-            if m.session == 0 || self.exchange.hear(m) != Heard::New {
+            if m.session == 0 {
+                continue;
+            }
+            let joins = vacant && m.session > self.exchange.effort().session;
+            let heard = if joins { self.exchange.join(m) } else { self.exchange.hear(m) };
+            if heard != Heard::New {
                 continue;
             }
             new = true;
-            if m.echo + (EFFORTS_KEPT as u64) > self.exchange.effort().sequence {
+            self.heard = arrival.at;
+            self.link.accept();
+            // What is offered is no effort of an interval, and is not timed.
+            if m.echo > 0 && m.echo + (EFFORTS_KEPT as u64) > self.exchange.effort().sequence {
                 let sent = self.sent[(m.echo % EFFORTS_KEPT as u64) as usize];
                 let waited = (m.wait.max(0.0) * 1e9) as u64;
                 self.times.round.add(arrival.at.saturating_sub(sent).saturating_sub(waited));
@@ -97,24 +124,20 @@ impl Loop<'_, '_> {
         Ok(new)
     }
 
-    /// Waits until somebody answers; whether somebody does.
-    fn meet(&mut self, period: u64, asked: &AtomicBool) -> Result<bool, Stop> {
+    /// Waits until a device joins; whether one does before the end.
+    fn meet(&mut self, period: u64, end: u64, asked: &AtomicBool) -> Result<bool, Stop> {
         self.send()?;
-        let mut again = clock::now() + period;
         loop {
             if self.hear()? {
                 // The time until the device joins is not a round trip.
                 self.times.round = Meter::new();
                 return Ok(true);
             }
-            if asked.load(Ordering::Relaxed) || self.link.is_over() {
+            let now = clock::now();
+            if asked.load(Ordering::Relaxed) || self.link.is_over() || now >= end {
                 return Ok(false);
             }
-            clock::sleep_until(clock::now() + period.min(1_000_000));
-            if self.link.repeats() && clock::now() >= again {
-                self.send()?;
-                again = clock::now() + period;
-            }
+            clock::sleep_until(end.min(now + period.min(1_000_000)));
         }
     }
 
@@ -138,14 +161,15 @@ pub fn serve(exchange: &mut Exchange<'_>, link: &mut Link, log: Option<&mut Log>
     let period = exchange.period() * 1e9;
     let [lateness, step, work, round] = [(); 4].map(|()| Meter::new());
     let times = Times { lateness, step, work, round, missed: 0, own: 0, wall: 0.0 };
-    let mut l = Loop { exchange, link, sent: vec![0; EFFORTS_KEPT], times };
     let mut start = clock::now();
+    let patience = GONE.max(GONE_INTERVALS * period) as u64;
+    let mut l = Loop { exchange, link, sent: vec![0; EFFORTS_KEPT], times, heard: start, patience };
     let result = l.go(period, &mut start, log, until);
     l.times.wall = (clock::now() - start) as f64 / 1e9;
     l.exchange.end();
-    for _ in 0..if l.link.repeats() && result.is_ok() { FAREWELLS } else { 0 } {
+    for _ in 0..if l.link.changes_hands() && result.is_ok() { FAREWELLS } else { 0 } {
         // Who does not hear it any more needs no farewell.
-        let _ = l.link.send(l.exchange.effort());
+        let _ = l.link.send(l.exchange, false);
     }
     let (failure, broken) = match result {
         Ok(failure) => (failure, None),
@@ -170,10 +194,13 @@ impl Loop<'_, '_> {
         if let Some(log) = &mut log {
             log.add(l.exchange);
         }
-        let begins = l.meet(period as u64, until.asked)?;
+        let span = until.duration.map(|t| t * 1e9);
+        let end = span.filter(|_| !until.lockstep).map_or(u64::MAX, |t| start.saturating_add(t as u64));
+        let intervals = span.filter(|_| until.lockstep).map_or(u64::MAX, |t| (t / period).round() as u64);
+        let begins = l.meet(period as u64, end, until.asked)?;
         *start = clock::now();
         let mut k = 0u64;
-        while begins && until.intervals.is_none_or(|n| k < n) && !until.asked.load(Ordering::Relaxed) {
+        while begins && k < intervals && !until.asked.load(Ordering::Relaxed) {
             k += 1;
             // The first measurement is there already.
             let deadline = if until.lockstep {
@@ -183,6 +210,10 @@ impl Loop<'_, '_> {
                 clock::now()
             } else {
                 let deadline = *start + (k as f64 * period).round() as u64;
+                if deadline > end {
+                    clock::sleep_until(end);
+                    break;
+                }
                 clock::sleep_until(deadline);
                 deadline
             };

@@ -80,6 +80,10 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         }
     }
     writeln!(out, "{:11} {} J put in, {} J given out", "energy", short(c.put_in), short(c.given_out))?;
+    if c.joined > 1 {
+        let untold = short(c.untold);
+        writeln!(out, "{:11} {} joined; those that left may have drawn {untold} J of it untold", "devices", c.joined)?;
+    }
     for (i, reason) in o.reasons().iter().enumerate() {
         writeln!(out, "{:11} {}{reason}", if i == 0 { "passive" } else { "" }, if i == 0 { "NO: " } else { "    " })?;
     }
@@ -117,6 +121,7 @@ pub fn json(o: &Outcome) -> String {
         "line": o.line,
         "period": o.exchange.period(),
         "intervals": c.intervals,
+        "devices": c.joined,
         "wall_seconds": t.wall,
         "missing": c.missing,
         "longest_silence": c.silence,
@@ -131,7 +136,7 @@ pub fn json(o: &Outcome) -> String {
         "answer": meter(&t.work),
         "round_trip": meter(&t.round),
         // A sum that comes to -0 is 0.
-        "energy": { "put_in": c.put_in, "given_out": c.given_out, "net": o.exchange.energy(), "least_stored": c.least + 0.0, "overdrawn": c.overdrawn },
+        "energy": { "put_in": c.put_in, "given_out": c.given_out, "untold": c.untold, "net": o.exchange.energy(), "least_stored": c.least + 0.0, "overdrawn": c.overdrawn },
         "passive": reasons.is_empty(),
         "reasons": reasons,
         "steered": steered_json(&summary),

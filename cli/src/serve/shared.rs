@@ -43,7 +43,12 @@ impl Shared {
             };
             Stop::Usage(format!("cannot make {}: {e}{fix}", path.display()))
         };
-        let file = OpenOptions::new().read(true).write(true).create_new(true).open(&path).map_err(failed)?;
+        let mut options = OpenOptions::new();
+        options.read(true).write(true).create_new(true);
+        // For this user alone: whoever can write it can speak as the device.
+        #[cfg(unix)]
+        std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
+        let file = options.open(&path).map_err(failed)?;
         file.set_len(2 * PLACE).map_err(failed)?;
         Ok(Self { file, path, last: (0, 0), ports, buffer: [0; LONGEST] })
     }

@@ -279,7 +279,11 @@ int main(int argc, char **argv) {
     let guid = sources(&here, "a.fmu");
     let said = taken(&here, &guid, None, main);
     assert!(said.contains("these bytes are no state of this unit, or were changed"), "{said}");
-    here.bond(&["build", file.to_str().unwrap(), "--emit", "fmu", "--set", "wall.k=900", "-o", "b.fmu"]).is(0, &[], &[]);
+    here.bond(&["build", file.to_str().unwrap(), "--emit", "fmu", "--set", "wall.k=900", "-o", "b.fmu"]).is(
+        0,
+        &[],
+        &[],
+    );
     let guid = sources(&here, "b.fmu");
     taken(&here, &guid, None, main);
     std::fs::rename(here.0.join("state"), here.0.join("of_b")).unwrap();
@@ -316,7 +320,11 @@ fn a_source_that_switches_is_stepped_by_gonzalez() {
     };
     let run = ["run", file, "--stop", "1", "--every", "20ms", "-o", "-", "--step"];
     let away = ["1ms", "0.5ms"].map(|step| {
-        here.bond(&["build", file, "--emit", "fmu", "--step", step, "-o", "q.fmu"]).is(0, &[], &["stepped by gonzalez"]);
+        here.bond(&["build", file, "--emit", "fmu", "--step", step, "-o", "q.fmu"]).is(
+            0,
+            &[],
+            &["stepped by gonzalez"],
+        );
         let guid = sources(&here, "q.fmu");
         let unit = numbers(&taken(&here, &guid, None, main));
         let alike = here.bond(&[&run[..], &[step, "--method", "gonzalez"]].concat()).is(0, &[], &[]).out;

@@ -18,6 +18,7 @@ mod reduce;
 mod run;
 mod serve;
 mod show;
+mod strangers;
 mod test;
 
 use std::io::Write;

@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// A spring with a damper that is bent from the start, behind one port.
-const SPRING: &str = "\
+pub(super) const SPRING: &str = "\
 model Spring(k = 400 N/m) {
   port tip { inertia = 0.2 kg }
   sampled at 500 Hz {
@@ -43,7 +43,7 @@ model Two {
 ";
 
 /// The first line on standard error, which names the line.
-fn first(child: &mut Child) -> (String, BufReader<std::process::ChildStderr>) {
+pub(super) fn first(child: &mut Child) -> (String, BufReader<std::process::ChildStderr>) {
     let mut err = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
     err.read_line(&mut line).unwrap();
@@ -59,21 +59,21 @@ fn dice(seed: &mut u64) -> f64 {
 }
 
 /// A mass that is pushed about, and now and then moves only to draw energy; what it counted itself.
-struct Pushed {
-    device: Device,
+pub(super) struct Pushed {
+    pub(super) device: Device,
     speed: f64,
     seed: u64,
-    own: f64,
-    lowest: f64,
-    turned: f64,
+    pub(super) own: f64,
+    pub(super) lowest: f64,
+    pub(super) turned: f64,
 }
 
 impl Pushed {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         Self { device: Device::new(1), speed: 0.0, seed: 12345, own: 0.0, lowest: 0.0, turned: 0.0 }
     }
 
-    fn step(&mut self, now: f64, dt: f64) {
+    pub(super) fn step(&mut self, now: f64, dt: f64) {
         let v = self.device.effort(0, now);
         let thief = dice(&mut self.seed) < 0.3;
         let dq = if thief { [-v.signum() * 1e-3 * dice(&mut self.seed)] } else { [self.speed * dt] };
@@ -128,11 +128,10 @@ fn nothing_is_given_over_a_bad_line_of_datagrams() {
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{output:?}");
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(
-        (&json["model"], &json["intervals"], &json["passive"]),
-        (&"Spring".into(), &750.into(), &true.into()),
-        "{json:#}"
-    );
+    assert_eq!((&json["model"], &json["passive"]), (&"Spring".into(), &true.into()), "{json:#}");
+    // The duration counts from the start, and the intervals from the first measurement on.
+    let intervals = json["intervals"].as_u64().unwrap();
+    assert!((1..=750).contains(&intervals), "{json:#}");
     for told in ["overtaken", "refused"] {
         assert!(json[told].as_u64().unwrap() > 0, "{told}: {json:#}");
     }
@@ -142,7 +141,7 @@ fn nothing_is_given_over_a_bad_line_of_datagrams() {
     // What is booked is what the device told last, or a little before.
     let ledger = here.read("l.csv");
     assert!(ledger.starts_with("t,missing,late,silent,energy,stored,tip.held,tip.moved\n0,0,0,0,0,"));
-    assert_eq!(ledger.lines().count(), 752);
+    assert_eq!(ledger.lines().count() as u64, intervals + 2);
     let energies = ledger.lines().skip(1).map(|l| l.split(',').nth(4).unwrap().parse::<f64>().unwrap());
     assert!(energies.fold(0.0, f64::min) >= -0.08 - 1e-12 * pushed.turned);
 }
@@ -254,7 +253,8 @@ fn a_shared_file_is_a_line() {
     let output = child.wait_with_output().unwrap();
     assert!(output.status.success(), "{told}");
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&json["intervals"], &json["passive"]), (&200.into(), &true.into()), "{json:#}");
+    assert!((1..=200).contains(&json["intervals"].as_u64().unwrap()), "{json:#}");
+    assert_eq!(json["passive"], true, "{json:#}");
     assert!(pushed.lowest >= -0.08 - 1e-12 * pushed.turned && pushed.turned > 1e-3, "{}", pushed.lowest);
     assert!(!here.list().contains(&"line".to_string()), "the file is left");
 }
@@ -380,7 +380,7 @@ fn what_cannot_be_served_is_told() {
         2,
         "such as 127.0.0.1:7000 or [::1]:7000; names are not looked up",
     );
-    fails(&["a.bond", "--udp", "127.0.0.1:0", "--peer", "localhost:1"], "", 2, "write an IP address and a port");
+    fails(&["a.bond", "--udp", "127.0.0.1:0", "--peer", "localhost:1"], "", 2, "write an IP address, with or without");
     for (option, why) in [("--hold", "-1 is not in 1..=1000000"), ("--duration", "longer than 0 s")] {
         fails(&["a.bond", "--stdio", option, "-1"], "", 2, why);
     }
@@ -417,7 +417,7 @@ fn the_device_in_python_meets_it() {
         return;
     }
     let here = Folder::new().with("a.bond", SPRING);
-    let mut child = here.spawn(&["serve", "a.bond", "--udp", "127.0.0.1:0", "--duration", "1s", "--report", "json"]);
+    let mut child = here.spawn(&["serve", "a.bond", "--udp", "127.0.0.1:0", "--duration", "3s", "--report", "json"]);
     let (line, _err) = first(&mut child);
     let address = line.trim().rsplit(' ').next().unwrap().to_string();
     let device = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/embed/device.py");
@@ -429,7 +429,8 @@ fn the_device_in_python_meets_it() {
     }
     let output = child.wait_with_output().unwrap();
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&json["intervals"], &json["passive"]), (&500.into(), &true.into()), "{json:#}");
+    assert!((1..=1500).contains(&json["intervals"].as_u64().unwrap()), "{json:#}");
+    assert_eq!(json["passive"], true, "{json:#}");
     let own: Value = serde_json::from_slice(&told.stdout).unwrap();
     let number = |key: &str| own[key].as_f64().unwrap();
     let turned = number("put_in") + number("given_out");

@@ -220,10 +220,7 @@ impl Run {
                     let now = self.fit.as_ref().filter(|_| why == Failure::Balance).map(|f| f.off);
                     let stuck = off.zip(now).is_some_and(|(off, now)| now > o.balance_decay * off);
                     off = now;
-                    // Equations that are not solved in steps that short may be in no longer ones than next to nothing.
-                    let own = self.fit.as_ref().is_some_and(|f| !f.spare) && self.spare.is_some();
-                    let hard = own && matches!(why, Failure::NoConvergence { .. }) && h < o.fallback_step * usual;
-                    if stuck || hard {
+                    if stuck {
                         failures = failures.max(o.max_own_failures);
                     } else {
                         control.ahead = o.failure_shrink * h;
@@ -234,12 +231,8 @@ impl Run {
             };
             let ratio = attempt.error / tolerance;
             // Near a start from rest every step is alike on its own scale, and shrinking it does not help: it is small
-            // enough; where far shorter ones can be taken, where it moves by less than a longer one.
-            let alike = |longer: &Attempt| {
-                let apart =
-                    c.has_exponentials && attempt.worst == longer.worst && attempt.size > o.fresh_size * longer.size;
-                attempt.h < 0.5 * longer.h && attempt.error > 0.25 * longer.error && !apart
-            };
+            // enough.
+            let alike = |longer: &Attempt| attempt.h < 0.5 * longer.h && attempt.error > 0.25 * longer.error;
             let vain = attempt.fresh && attempt.h < o.fresh_step * usual && refused.as_ref().is_some_and(alike);
             // A method that looks at the end of its step sees what holds beyond the switch, however near that is.
             let brief = attempt.event && attempt.h < o.brief_event_step * usual;

@@ -37,8 +37,6 @@ pub(super) struct Attempt {
     pub(super) error: f64,
     /// What is off most was next to nothing before: by the step's own work alone its error is measured.
     pub(super) fresh: bool,
-    /// The size of that.
-    pub(super) size: f64,
     /// What is off most: a state, or an integral after them.
     pub(super) worst: usize,
     /// Whether the whole step counts, or else its halves.
@@ -53,7 +51,6 @@ pub(super) struct Attempt {
 struct Estimate {
     error: f64,
     fresh: bool,
-    size: f64,
     worst: usize,
 }
 
@@ -87,11 +84,11 @@ impl Run {
         }
         // What ends at a switch was found with a whole step, and so that one counts.
         let near = !is_event && self.is_near();
-        let Estimate { error, fresh, size, worst } = self.estimate(c, is_event, near)?;
+        let Estimate { error, fresh, worst } = self.estimate(c, is_event, near)?;
         let whole = is_event || c.step.estimate.is_some();
         let off = self.off(c, whole);
         let Some(fit) = self.fit.as_mut().filter(|_| off != 0.0) else {
-            return Ok(Attempt { h, error, fresh, size, worst, whole, event: is_event, faint });
+            return Ok(Attempt { h, error, fresh, worst, whole, event: is_event, faint });
         };
         fit.off = off;
         Err(Failure::Balance)
@@ -151,6 +148,7 @@ impl Run {
         if !is_of || self.fit.as_ref().is_none_or(|fit| fit.spare) {
             return None;
         }
+        let shrink = self.numeric.controller.failure_shrink;
         let h_max = self.above(c);
         let root = self.cool(c, h_max).sqrt();
         let least = h * o.look_shrink.powi(o.looks);
@@ -161,7 +159,7 @@ impl Run {
         if self.goes_on((h, least), root, |fit| &fit.second.next) {
             return None;
         }
-        (1..=o.missed_looks).map(|k| h * o.missed_shrink.powi(k)).find(|length| {
+        (1..=o.missed_looks).map(|k| h * shrink.powi(k)).find(|length| {
             let found = self.stride(t, *length, Part::Trial).is_ok();
             found && self.goes_on((*length, least), root, |fit| &fit.trial.next)
         })
@@ -235,7 +233,7 @@ impl Run {
     /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by. Where the step
     /// is `near` a switch, that difference itself.
     fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<Estimate, Failure> {
-        let mut most = Estimate { error: 0.0, fresh: false, size: 0.0, worst: usize::MAX };
+        let mut most = Estimate { error: 0.0, fresh: false, worst: usize::MAX };
         let Some(fit) = &self.fit else { return Ok(most) };
         let o = &self.numeric.error;
         let h_max = self.above(c);
@@ -250,7 +248,7 @@ impl Run {
         let mut tell = |worst: usize, off: f64, before: f64, now: f64| {
             if off > most.error * now {
                 let error = if now > 0.0 { off / now } else { f64::INFINITY };
-                most = Estimate { error, fresh: before <= 0.1 * now, size: now, worst };
+                most = Estimate { error, fresh: before <= 0.1 * now, worst };
             }
         };
         let (root, cool) = (h_max.sqrt(), self.cool(c, h_max).sqrt());

@@ -100,7 +100,8 @@ mod tests {
 
     #[test]
     fn lengths_between_even_instants_are_one() {
-        let mut lengths: Vec<f64> = (64..128).map(|k| f64::from(k) * 0.1).map(|t| rounded_length((t + 0.1) - t, t)).collect();
+        let mut lengths: Vec<f64> =
+            (64..128).map(|k| f64::from(k) * 0.1).map(|t| rounded_length((t + 0.1) - t, t)).collect();
         assert!(lengths.iter().all(|h| (h - 0.1).abs() < 4e-15), "{lengths:?}");
         lengths.dedup();
         assert!(lengths.len() <= 2, "{lengths:?}");

@@ -55,6 +55,14 @@ impl Text {
     }
 }
 
+/// A scene that is compared: which text it is of, what it comes to, and by column whether that is rounding alone.
+struct Kept {
+    text: usize,
+    ready: Ready,
+    outcome: Outcome,
+    rounding: Vec<bool>,
+}
+
 /// A scene that is compiled. It is interpreted: most runs are shorter than it takes to make machine code of it.
 #[derive(Clone)]
 struct Ready {
@@ -81,10 +89,8 @@ impl Ready {
                 }
             }
             let regions = sim.summary().regions;
-            outcome.work = [
-                regions.iter().map(|r| r.steps + r.rejected).sum(),
-                regions.iter().map(|r| r.newton_iterations).sum(),
-            ];
+            outcome.work =
+                [regions.iter().map(|r| r.steps + r.rejected).sum(), regions.iter().map(|r| r.newton_iterations).sum()];
             // Another number may make a scene far slower: it has moved long before it ends.
             if outcome.work.iter().sum::<u64>() > 2 * MAX_WORK {
                 break;
@@ -95,20 +101,36 @@ impl Ready {
 }
 
 impl Outcome {
-    /// Whether another run's results, or its work, differ by more than a twentieth.
-    fn moved(&self, other: &Outcome) -> [bool; 2] {
+    fn column(&self, k: usize) -> impl Iterator<Item = f64> {
+        self.rows.iter().map(move |r| r[k])
+    }
+
+    /// By column, whether another run's rows differ by more than a twentieth of the largest value.
+    fn moved_columns(&self, other: &Outcome) -> Vec<bool> {
         let columns = self.rows.first().map_or(0, Vec::len);
-        let results = self.error != other.error
-            || self.rows.len() != other.rows.len()
-            || (0..columns).any(|k| {
-                let column = |o: &Outcome| o.rows.iter().map(|r| r[k]).collect::<Vec<f64>>();
-                let (a, b) = (column(self), column(other));
-                let size = a.iter().fold(0.0f64, |m, x| m.max(x.abs()));
-                a.iter().zip(&b).any(|(x, y)| (x - y).abs() > MOVES * size)
-            });
+        let moved = |k: usize| {
+            let size = self.column(k).fold(0.0f64, |m, x| m.max(x.abs()));
+            self.rows.len() != other.rows.len()
+                || self.column(k).zip(other.column(k)).any(|(x, y)| (x - y).abs() > MOVES * size)
+        };
+        (0..columns).map(moved).collect()
+    }
+
+    /// Whether another run's results, or its work, differ by more than a twentieth; columns of rounding alone, or of a
+    /// chaotic motion, say nothing.
+    fn moved(&self, other: &Outcome, rounding: &[bool]) -> [bool; 2] {
+        let columns = self.moved_columns(other);
+        let results = self.error != other.error || columns.iter().zip(rounding).any(|(moved, noise)| *moved && !noise);
         let more = |(a, b): (&u64, &u64)| a.abs_diff(*b) as f64 > MOVES * (*a).max(20) as f64;
         [results, self.work.iter().zip(&other.work).any(more)]
     }
+}
+
+/// The same thresholds, but for rounding: what moves by that says nothing of what another threshold does.
+fn nudged((mut numeric, mut thresholds): (NumericOptions, Thresholds)) -> (NumericOptions, Thresholds) {
+    numeric.controller.safety *= 1.0 + 1e-9;
+    thresholds.newton.last *= 1.5;
+    (numeric, thresholds)
 }
 
 fn scenes(paths: &[PathBuf]) -> Vec<Text> {
@@ -183,7 +205,7 @@ fn main() {
     let (numeric, thresholds) = (NumericOptions::default(), Thresholds::default());
     let defaults = serde_json::json!({ "run": numeric, "compile": thresholds });
     let all = scenes(&paths);
-    let kept: Mutex<Vec<(usize, Ready, Outcome)>> = Mutex::new(Vec::new());
+    let kept: Mutex<Vec<Kept>> = Mutex::new(Vec::new());
     let slow: Mutex<Vec<String>> = Mutex::new(Vec::new());
     each(all.len(), &|i| {
         let Some(ready) = all[i].compile((numeric, thresholds)) else { return };
@@ -191,11 +213,14 @@ fn main() {
         if outcome.work.iter().sum::<u64>() > MAX_WORK {
             slow.lock().unwrap_or_else(|e| e.into_inner()).push(all[i].title.clone());
         } else if !outcome.error {
-            kept.lock().unwrap_or_else(|e| e.into_inner()).push((i, ready, outcome));
+            let Some(other) = all[i].compile(nudged((numeric, thresholds))) else { return };
+            let rounding = outcome.moved_columns(&other.run());
+            let one = Kept { text: i, ready, outcome, rounding };
+            kept.lock().unwrap_or_else(|e| e.into_inner()).push(one);
         }
     });
     let mut kept = kept.into_inner().unwrap_or_else(|e| e.into_inner());
-    kept.sort_by_key(|k| k.0);
+    kept.sort_by_key(|k| k.text);
     let mut slow = slow.into_inner().unwrap_or_else(|e| e.into_inner());
     slow.sort();
     let mut numbers = Vec::new();
@@ -221,16 +246,16 @@ fn main() {
             let Some(changed) = with(&defaults, path, value) else { continue };
             let moved: Mutex<Vec<(usize, [bool; 2])>> = Mutex::new(Vec::new());
             each(kept.len(), &|k| {
-                let (i, ready, outcome) = &kept[k];
+                let Kept { text, ready, outcome, rounding } = &kept[k];
                 let other = if path.starts_with("/run") {
                     Some(Ready { scene: Scene { numeric: changed.0, ..ready.scene.clone() }, ..ready.clone() })
                 } else {
-                    all[*i].compile(changed)
+                    all[*text].compile(changed)
                 };
                 let other = other.map_or(Outcome { error: true, ..Outcome::default() }, |other| other.run());
-                let found = outcome.moved(&other);
+                let found = outcome.moved(&other, rounding);
                 if found != [false; 2] {
-                    moved.lock().unwrap_or_else(|e| e.into_inner()).push((*i, found));
+                    moved.lock().unwrap_or_else(|e| e.into_inner()).push((*text, found));
                 }
             });
             let mut moved = moved.into_inner().unwrap_or_else(|e| e.into_inner());

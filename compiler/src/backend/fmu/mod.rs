@@ -112,7 +112,8 @@ impl<'a> Fmu<'a> {
         let start = if start.is_empty() { "0".to_string() } else { start.join(", ") };
         let _ = writeln!(out, "static const double start_of[] = {{ {start} }};");
         let why: Vec<String> = Reason::ALL.iter().map(|(_, why)| format!("{why:?}")).collect();
-        let _ = writeln!(out, "/* Why a commit failed. */\nstatic const char *const why[] = {{ {} }};\n", why.join(", "));
+        let _ =
+            writeln!(out, "/* Why a commit failed. */\nstatic const char *const why[] = {{ {} }};\n", why.join(", "));
         out + SLAVE
     }
 }
