@@ -1,8 +1,8 @@
 //! What a flood of datagrams costs a scene that is served at 1 kHz.
 //!
-//! `cargo bench -p bond --bench flood` serves `models/examples/open_port.bond` to a device, for ten seconds each: without
-//! a flood, and with 20 000 datagrams a second of strangers, where the device is known by its place and by a key. It
-//! prints the missed deadlines. `-- --rate N` takes another rate, `-- --bond FILE` another executable.
+//! `cargo bench -p bond --bench flood` serves `models/examples/open_port.bond` to a device, for ten seconds each:
+//! without a flood, and with 20 000 datagrams a second of strangers, where the device is known by its place and by a
+//! key. It prints the missed deadlines. `-- --rate N` takes another rate, `-- --bond FILE` another executable.
 
 use bond::exchange::{Device, DeviceSeal, Effort, Key, LONGEST, LONGEST_SEALED, Measurement};
 use serde_json::Value;

@@ -269,7 +269,8 @@ impl TextInternals for Text {
         let (name, text) = texts.list.first().cloned().unwrap_or_default();
         let mut sources = Sources::new();
         let main = sources.add(name.clone(), text);
-        let loaded = bond_compiler::load(&mut sources, main, &mut &*texts);
+        let mut loader = texts;
+        let loaded = bond_compiler::load(&mut sources, main, &mut loader);
         Self { name, sources, loaded, used: Vec::new(), uses: texts.uses.clone() }
     }
 }

@@ -1194,13 +1194,31 @@ fn a_gross_balance_has_a_reason_of_its_own() {
         return;
     }
     let text = "model M { I:m = 1 kg  C:s { stiffness = 1e300 N/m; q0 = 1 m }  1:v -> m, s  probe x = s.q }";
-    let (u, _) = emit(&with(Options::new(), text), 0.01).unwrap_or_else(|e| panic!("{e}"));
+    let compiled = with(Options::new(), text);
+    let (u, _) = emit(&compiled, 0.01).unwrap_or_else(|e| panic!("{e}"));
     let main = "#include \"m.h\"\n#include <stdio.h>\n#include <string.h>\nstatic bond_state b;\n\
                 static bond_real x[2][BOND_SAVED];\nint main(void) {\n    int failed;\n    bond_init(&b);\n    \
                 bond_save(&b, x[0]);\n    failed = bond_commit(&b, 0);\n    bond_save(&b, x[1]);\n    \
                 printf(\"%d %d\\n\", failed == BOND_GROSS_BALANCE, !memcmp(x[0], x[1], sizeof x[0]));\n    \
                 return 0;\n}\n";
-    assert_eq!(built(&u, main).rows("run"), [[1.0, 1.0]]);
+    let here = built(&u, main);
+    assert_eq!(here.rows("run"), [[1.0, 1.0]]);
+    here.put("m.o", native::object(&u, "bond").unwrap_or_else(|e| panic!("{e}")));
+    here.cc(&["m.o", "main.c", "-lm", "-o", "object"]);
+    assert_eq!(here.rows("object"), [[1.0, 1.0]]);
+    if has("node") {
+        here.put("m.wasm", wasm::module(compiled.scene(), &u).unwrap_or_else(|e| panic!("{e}")));
+        here.put(
+            "main.mjs",
+            "import { readFileSync } from \"node:fs\";\n\
+             const { instance: { exports: e } } = await WebAssembly.instantiate(readFileSync(\"m.wasm\"), { Math });\n\
+             const state = new Float64Array(e.memory.buffer, e.state.value, e.saved.value), before = state.slice();\n\
+             const failed = e.commit();\n\
+             console.log(failed, Number(state.every((x, k) => Object.is(x, before[k]))));\n",
+        );
+        let rows = Folder::printed("module", Command::new("node").arg("main.mjs").current_dir(&here.0));
+        assert_eq!(rows, [[Reason::GrossBalance.code() as f64, 1.0]]);
+    }
 }
 
 #[test]

@@ -18,7 +18,7 @@ model Heat {{
   }}
   hand -> 1:v -> handle
   v ||> contact
-  probe gain = 0.5*(1 kg)*v.f^2 - 5 N*integral(v.f, 0 m)
+  probe gain = 0.5*(1 kg)*v.f^2 - (5 N)*integral(v.f, 0 m)
   probe warm = room.e
   simulate {{ stop = 30 s }}
 }}"
@@ -49,7 +49,7 @@ fn a_wall_gives_no_work_from_its_heat() {
                 let largest = gains.iter().fold(0.0f64, |m, x| m.max(*x));
                 let stake = gains.iter().fold(0.0f64, |m, x| m.max(-*x));
                 assert!(largest <= 0.02 * stake, "{damper} {hold} {period}: {largest} J of {stake} J");
-                assert!(warm > 300.0 && warm < 310.0, "{damper} {hold} {period}: {warm} K");
+                assert!(warm > 300.0 && warm < 330.0, "{damper} {hold} {period}: {warm} K");
             }
         }
     }
@@ -69,11 +69,11 @@ model Warm {{
   {close}
   Conductor:wall(G = 5 W/K)
   Body:cold(C = 50 J/K, T0 = 300 K)
-  inside {bar} 1:path
-  path -> wall.a
+  1:path -> wall.a
+  inside {bar} path
   wall.b_end -> 0:outside -> cold.heat
-  probe hot = inside.e
-  probe cold = outside.e
+  probe t_hot = inside.e
+  probe t_cold = outside.e
   simulate {{ stop = 20 s }}
   expect passive
 }}"
@@ -82,9 +82,9 @@ model Warm {{
         finish(&mut sim, 20.0);
         let summary = sim.summary();
         assert!(summary.passive, "{:?}", summary.reasons);
-        [probe(&mut sim, "hot"), probe(&mut sim, "cold")]
+        [probe(&mut sim, "t_hot"), probe(&mut sim, "t_cold")]
     };
     let ([hot, cold], [hot_sampled, cold_sampled]) = (run(false), run(true));
-    assert!(hot < 380.0 && cold > 340.0, "{hot} {cold}");
+    assert!(hot < 370.0 && cold > 360.0, "{hot} {cold}");
     assert!((hot - hot_sampled).abs() < 0.1 && (cold - cold_sampled).abs() < 0.1, "{hot_sampled} {cold_sampled}");
 }

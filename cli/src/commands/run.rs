@@ -43,8 +43,7 @@ use std::time::Instant;
                   was passive, the worst balance, and why it failed. With --every or --at it has rows over time. Finished instances \
                   are kept in FILE.part until the table is written; after an interruption the same command continues.\nWith --error or --budget, the steppers that keep the balance (or the one of --method) are tried \
                   first and compared with a far more exact run; the summary says what was chosen, and why. bond bench shows all of them.\nThe table of --input begins with a line such as `t,T_out`: the time in \
-                  seconds, and for each column the path of an `input`, in SI units.\nTimes are in seconds or have a unit.\nA resumed run gives the same bits as an uninterrupted one, if both have the same steps, whatever is written of \
-                  either. \
+                  seconds, and for each column the path of an `input`, in SI units.\nTimes are in seconds or have a unit.\nA resumed run gives the same bits as an uninterrupted one with the same steps, whatever rows either writes. \
                   If neither --step nor --longest is given, some step lengths depend on --stop: those of `exact`, a\n\
                   thousandth of the run, and the first adaptive one. A resumed run keeps the lengths with which it began. \
                   To resume a state that was saved with --error or --budget,\n\

@@ -54,10 +54,10 @@ fn what_is_built_runs_as_the_model_does() {
 fn the_same_options_give_the_same_bytes() {
     let part = "model Swing(E = 1 J) { port tip  C:s { H = E*(1 - cos(q)); q0 = 1 rad }  tip -> s }";
     let scene = "use \"parts/swing.bond\"
-model Swinging(r = 1 kohm) {
+model Swinging(r = 1 kOhm) {
   Swing:swing
   I:m = 1 kg*m^2
-  swing.tip -> 1:w -> m
+  1:w -> swing.tip, m
   // What a step goes over decides how its resistor is solved.
   C:c1 { compliance = 1 uF; q0 = 1e-6 C }
   C:c2 = 2 uF

@@ -293,7 +293,7 @@ int main(int argc, char **argv) {
 }
 
 /// A unit cuts no step where a law switches. So `exact`, which must, is not its stepper where a source switches, and
-/// what it shows differs from a run by the error of `gonzalez`: 2e-5 m of 5 cm at 1 ms, and a quarter of it at half.
+/// what it shows differs from a run by the error of `gonzalez`, which at half the step is a quarter of it.
 #[test]
 fn a_source_that_switches_is_stepped_by_gonzalez() {
     if !is_there("cc") {

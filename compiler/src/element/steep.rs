@@ -3,8 +3,8 @@
 //! solved for its argument where it rises the less so.
 //!
 //! Which of the two is less steep depends on the circuit. Beside a resistance Z, the law `e = r f` makes roundings
-//! `r / Z` times as large, and `f = e / r` makes them `Z / r` times as large. So the law with the slopes `r_1` and `r_2`
-//! is turned about where `r_1 r_2 > Z^2`.
+//! `r / Z` times as large, and `f = e / r` makes them `Z / r` times as large. So the law with the slopes `r_1` and
+//! `r_2` is turned about where `r_1 r_2 > Z^2`.
 
 use crate::elaborate::Elaborator;
 use crate::expression::{Expr, Node, Symbol};
@@ -22,8 +22,8 @@ struct Product {
 }
 
 impl Product {
-    /// The square of their geometric mean. Where there are none, nothing says how large resistances are, and 0 has steep
-    /// laws give flows.
+    /// The square of their geometric mean. Where there are none, nothing says how large resistances are, and 0 has
+    /// steep laws give flows.
     fn mean_square(self) -> f64 {
         if self.count > 0.0 { libm::exp(2.0 * self.log / self.count) } else { 0.0 }
     }

@@ -6,8 +6,9 @@
 
 use super::Error;
 use super::attempt::Attempt;
-use super::cluster::{Run, advance_ports, book_step};
+use super::cluster::{advance_ports, book_step};
 use super::controller::{Accepted, Control, Plan, exp, log};
+use super::stepping::Fitted;
 use crate::kernel::Failure;
 use crate::scene::Cluster;
 
@@ -34,67 +35,79 @@ fn too_short(c: &Cluster, time: f64, step: f64, refused: Option<Attempt>, endles
     Error::TooSmall { time, region, state, at_once: c.has_exponentials, step }
 }
 
-impl Run {
+impl Fitted<'_> {
     /// Drops the planned step: what it was planned with changes.
     pub(super) fn drop_plan(&mut self) {
-        if let Some(fit) = &mut self.fit
-            && let Some(plan) = fit.plan.take()
-        {
-            fit.control = plan.before.0;
-            self.step.work.newton_iterations = plan.before.1;
+        if let Some(plan) = self.fit.plan.take() {
+            (self.fit.control, self.run.step.work.newton_iterations) = plan.before;
         }
     }
 
-    /// The controller without what is only planned, and the iterations done.
-    pub(super) fn kept(&self) -> (Option<Control>, u64) {
-        let iterations = self.iterations();
-        let Some(fit) = &self.fit else { return (None, iterations) };
-        let (control, iterations) = fit.plan.map_or((fit.control, iterations), |p| p.before);
-        (Some(control), iterations)
+    /// Runs to `end` exactly.
+    pub(super) fn run_to(&mut self, end: f64, moved: &mut [f64]) -> Result<(), Error> {
+        self.run_past(end, moved)?;
+        self.meet(end, moved)
     }
 
-    /// Runs to `end` exactly.
-    pub(super) fn fit_to(&mut self, c: &Cluster, end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
-        self.fit_past(c, end, moved)?;
-        while end - self.time() > SAME * end.abs() {
+    /// Takes steps of which the last one ends at `end`.
+    fn meet(&mut self, end: f64, moved: &mut [f64]) -> Result<(), Error> {
+        while end - self.run.time() > SAME * end.abs() {
             self.drop_plan();
-            self.plan(c, Some(end))?;
-            self.keep(c, moved)?;
+            let plan = self.plan(Some(end))?;
+            self.keep(plan, moved)?;
         }
         Ok(())
     }
 
     /// Keeps all steps that end at `until` or before it, and plans the one beyond it.
-    pub(super) fn fit_past(&mut self, c: &Cluster, until: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
-        if self.fit.as_ref().is_some_and(|f| f.driven) {
-            while until - self.time() > SAME * until.abs() {
-                self.drop_plan();
-                self.plan(c, Some(until))?;
-                self.keep(c, moved)?;
-            }
-            return Ok(());
+    pub(super) fn run_past(&mut self, until: f64, moved: &mut [f64]) -> Result<(), Error> {
+        if self.fit.driven {
+            return self.meet(until, moved);
         }
-        while until - self.time() > SAME * until.abs() {
-            let Some(fit) = &self.fit else { return Ok(()) };
-            let end = match fit.plan {
-                Some(plan) => plan.end,
-                None => self.plan(c, None)?,
+        while until - self.run.time() > SAME * until.abs() {
+            let plan = match self.fit.plan {
+                Some(plan) => plan,
+                None => self.plan(None)?,
             };
-            if end - until > SAME * until.abs() {
+            if plan.end - until > SAME * until.abs() {
                 // The look is not needed to go on; where it fails, whoever looks is told.
-                let _ = self.look_at(c, until);
+                let _ = self.look_at(until);
                 return Ok(());
             }
-            self.keep(c, moved)?;
+            self.keep(plan, moved)?;
         }
         Ok(())
     }
 
+    /// Leaves the state at `t` aside: by steps from the state, or from halfway through the planned one.
+    pub(super) fn look_at(&mut self, t: f64) -> Result<(), Error> {
+        let Self { c, run, fit } = self;
+        if fit.shown == Some(t) {
+            return Ok(());
+        }
+        fit.shown = None;
+        let mut now = run.time();
+        let least = 1e-12 * t.abs().max(now.abs());
+        run.glanced.copy_from_slice(&run.state);
+        if t - now <= least {
+            return Ok(());
+        }
+        if fit.is_midway(t - now, least) {
+            now += fit.half.h;
+            run.glanced.copy_from_slice(&fit.half.next);
+        }
+        fit.single = run.glance_to(c, now, t)?;
+        fit.shown = Some(t);
+        let n = fit.output.len();
+        fit.output.copy_from_slice(&run.output()[..n]);
+        Ok(())
+    }
+
     /// Keeps the planned step; of one whose ledger fails, what comes before that.
-    fn keep(&mut self, c: &Cluster, moved: &mut Vec<f64>) -> Result<(), Error> {
-        let mut end = self.time();
-        let Some(fit) = &mut self.fit else { return Ok(()) };
-        let Some(plan) = fit.plan.take() else { return Ok(()) };
+    fn keep(&mut self, plan: Plan, moved: &mut [f64]) -> Result<(), Error> {
+        let Self { c, run, fit } = self;
+        let mut end = run.time();
+        fit.plan = None;
         let switched = plan.control.events > plan.before.0.events;
         fit.control = plan.control;
         fit.shown = None;
@@ -104,40 +117,39 @@ impl Run {
         let mut failed = None;
         let at = c.states..c.states + c.integrals;
         for part in parts {
-            if let Err(what) = book_step(&self.ledger, &self.layout, c, &part.output) {
+            if let Err(what) = book_step(&run.ledger, &run.layout, c, &part.output) {
                 failed = Some((what, end + part.h, part.next.clone()));
                 break;
             }
             end += part.h;
-            self.watched.iter_mut().for_each(|drawn| drawn.look((&self.ledger, &self.layout), end));
+            run.watch(end);
             advance_ports(c, &part.output, part.h, moved);
-            for ((m, x), before) in fit.moved.iter_mut().zip(&part.next[at.clone()]).zip(&self.state[at.clone()]) {
+            for ((m, x), before) in fit.moved.iter_mut().zip(&part.next[at.clone()]).zip(&run.state[at.clone()]) {
                 *m += (x - before).abs();
             }
-            self.state.copy_from_slice(&part.next);
-            self.steps += 1;
+            run.state.copy_from_slice(&part.next);
+            run.steps += 1;
         }
         if let Some(length) = c.recall.filter(|_| switched) {
-            self.state[length] = 0.0;
+            run.state[length] = 0.0;
         }
-        self.base = if failed.is_none() { plan.end } else { end };
-        self.count = 0;
-        self.track(c);
-        failed.map_or(Ok(()), |(what, at, next)| Err(self.unsound(c, (at, &next), &what)))
+        run.base = if failed.is_none() { plan.end } else { end };
+        run.count = 0;
+        run.track(c);
+        failed.map_or(Ok(()), |(what, at, next)| Err(run.unsound(c, (at, &next), &what)))
     }
 
-    /// Finds the next step: one that meets `end`, where one is given, if it comes so far. Gives where it ends.
-    fn plan(&mut self, c: &Cluster, end: Option<f64>) -> Result<f64, Error> {
-        let t = self.time();
-        let Some(fit) = &self.fit else { return Ok(t) };
-        let before = (fit.control, self.iterations());
-        let result = self.fitted(c, t, end);
-        let Some(fit) = &mut self.fit else { return Ok(t) };
+    /// Finds the next step: one that meets `end`, where one is given, if it comes so far.
+    fn plan(&mut self, end: Option<f64>) -> Result<Plan, Error> {
+        let before = (self.fit.control, self.run.iterations());
+        let result = self.find_step(self.run.time(), end);
+        let fit = &mut *self.fit;
         match result {
             Ok((end, whole)) => {
                 let control = std::mem::replace(&mut fit.control, before.0);
-                fit.plan = Some(Plan { end, whole, control, before });
-                Ok(end)
+                let plan = Plan { end, whole, control, before };
+                fit.plan = Some(plan);
+                Ok(plan)
             }
             Err(e) => {
                 fit.control = Control { rejected: fit.control.rejected, ..before.0 };
@@ -150,18 +162,18 @@ impl Run {
     /// where a law has switched at `t`.
     fn begin_step(
         &mut self,
-        c: &Cluster,
         t: f64,
         (end, begins): (Option<f64>, bool),
         control: &mut Control,
     ) -> Result<Option<f64>, Error> {
-        let Some(fit) = &self.fit else { return Ok(end) };
-        let (longest, limit) = (fit.longest, fit.limit);
+        let (longest, limit) = (self.fit.longest, self.fit.limit);
         // By exponentials things may go far before the time does.
-        if self.steps == 0 && control.events == 0 || begins && (c.has_exponentials || c.step.properties.l_stable) {
+        if self.run.steps == 0 && control.events == 0
+            || begins && (self.c.has_exponentials || self.c.step.properties.l_stable)
+        {
             let first = control.ahead.min(longest);
-            let Some(found) = self.first_step(c, t, first) else {
-                let (region, step) = (c.name.clone(), self.numeric.controller.min_step_exponential * first);
+            let Some(found) = self.first_step(t, first) else {
+                let (region, step) = (self.c.name.clone(), self.fit.numeric.controller.min_step_exponential * first);
                 return Err(Error::TooSmall { time: t, region, state: None, at_once: true, step });
             };
             control.ahead = found;
@@ -171,10 +183,10 @@ impl Run {
         // What is given from outside changes evenly until then.
         let far = t + 2.0 * control.ahead.min(longest);
         let horizon = end.map_or(far, |e| e.min(far));
-        let cut = self.signals.cut(t, horizon);
-        self.signals.aim(&mut self.input, t, cut.unwrap_or(horizon));
+        let cut = self.run.signals.cut(t, horizon);
+        self.run.signals.aim(&mut self.run.input, t, cut.unwrap_or(horizon));
         let end = cut.or(end);
-        self.guards_before(c, t, control.ahead.min(longest));
+        self.guards_before(t, control.ahead.min(longest));
         if control.faint.is_some_and(|guard| !self.is_low(guard)) {
             // It rose between.
             (control.chatter, control.faint, control.noisy) = (0, None, 0);
@@ -184,40 +196,37 @@ impl Run {
 
     /// Tries steps from `t` until one is good: where it ends, and whether the whole counts. The controller is then
     /// after it.
-    fn fitted(&mut self, c: &Cluster, t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
-        let o = self.numeric.controller;
-        let Some(fit) = &self.fit else { return Ok((t, true)) };
-        let (tolerance, longest, mut control) = (fit.tolerance, fit.longest, fit.control);
-        let order = f64::from(c.step.properties.order + 1);
+    fn find_step(&mut self, t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
+        let o = self.fit.numeric.controller;
+        let (tolerance, longest, mut control) = (self.fit.tolerance, self.fit.longest, self.fit.control);
+        let order = f64::from(self.c.step.properties.order + 1);
         let mut begins = t > 0.0 && control.began == t;
-        let end = self.begin_step(c, t, (end, begins), &mut control)?;
+        let end = self.begin_step(t, (end, begins), &mut control)?;
         let (mut last_failure, mut refused) = (None, None::<Attempt>);
-        let usual = self.default_step;
+        let usual = self.fit.usual;
         let (mut failures, mut off, mut endless) = (0, None::<f64>, false);
-        let shortest = match c.has_exponentials {
+        let shortest = match self.c.has_exponentials {
             true => o.min_step_exponential * usual,
             false => (o.time_resolution * t.abs()).max(o.min_step * usual),
         };
         let unsolved = shortest.max(o.min_step * control.ahead.min(longest).min(usual));
         let (smallest, result) = loop {
-            if let Some(fit) = &mut self.fit {
-                fit.spare = failures >= o.max_own_failures;
-            }
+            self.fit.spare = failures >= o.max_own_failures;
             let h = control.ahead.min(longest);
-            let aimed = control.aimed((t, h), (shortest.max(self.numeric.events.start * usual), longest), &o);
+            let aimed = control.aimed((t, h), (shortest.max(self.fit.numeric.events.start * usual), longest), &o);
             let aims = aimed.is_some();
             let (h, last) = to_end((t, aimed.unwrap_or(h)), end);
             if h <= if last_failure.is_some() { unsolved } else { shortest } {
                 break (h, None);
             }
-            let attempt = match self.attempt(c, t, h, control.aim - t) {
+            let attempt = match self.attempt(t, h, control.aim - t) {
                 Ok(attempt) => attempt,
                 Err(why) => {
                     last_failure = Some(why);
                     failures += 1;
                     // What a quadrature misses falls fast with the step. What does not is a kink, or the rounding of H
                     // near 0.
-                    let now = self.fit.as_ref().filter(|_| why == Failure::Balance).map(|f| f.off);
+                    let now = (why == Failure::Balance).then_some(self.fit.off);
                     let stuck = off.zip(now).is_some_and(|(off, now)| now > o.balance_decay * off);
                     off = now;
                     if stuck {
@@ -244,18 +253,18 @@ impl Run {
             }
             if begins && !attempt.event {
                 begins = false;
-                if let Some(shorter) = self.set_off(c, t, attempt.h).filter(|h| *h > shortest) {
+                if let Some(shorter) = self.set_off(t, attempt.h).filter(|h| *h > shortest) {
                     control.ahead = shorter;
                     control.rejected += 1;
                     continue;
                 }
             }
             let done = last.filter(|_| attempt.h >= h);
-            if done.is_none() && t + attempt.h <= t && !c.has_exponentials {
+            if done.is_none() && t + attempt.h <= t && !self.c.has_exponentials {
                 break (attempt.h, None);
             }
             // What ends just before a switch goes on just past it, where looks at the next step see what holds there.
-            let stood = self.fit.as_ref().and_then(|fit| fit.stood);
+            let stood = self.fit.stood;
             let ends = t + stood.map_or(attempt.h, |(_, past)| past);
             control.stood = stood.map(|(guard, _)| guard);
             let hard = refused.is_some() || last_failure.is_some() || attempt.event;
@@ -272,21 +281,21 @@ impl Run {
                 control.after_event((attempt.h, attempt.faint), (ends, usual), &o);
             } else {
                 // What the other stepper took says nothing against longer steps.
-                let other = self.fit.as_ref().is_some_and(|f| f.spare);
-                let most = if refused.is_some() || (last_failure.is_some() && !other) { 1.0 } else { o.max_growth };
+                let own = last_failure.is_some() && !self.fit.spare;
+                let most = if refused.is_some() || own { 1.0 } else { o.max_growth };
                 let taken = Accepted { t, h, aims, vain, most, error: ratio, order };
                 control.after_step(taken, self.foretold(t, h), &o);
             }
             break (h, Some((done.unwrap_or(ends), attempt.whole)));
         };
-        if let Some(fit) = &mut self.fit {
-            fit.control = control;
-            fit.spare = false;
-        }
+        self.fit.control = control;
+        self.fit.spare = false;
         match (result, last_failure) {
             (Some(found), _) => Ok(found),
-            (None, Some(why)) if control.crawl <= o.crawl_refund * o.max_crawling => Err(self.failure(c, t, why)),
-            (None, _) => Err(too_short(c, t, smallest, refused, endless)),
+            (None, Some(why)) if control.crawl <= o.crawl_refund * o.max_crawling => {
+                Err(self.run.failure(self.c, t, why))
+            }
+            (None, _) => Err(too_short(self.c, t, smallest, refused, endless)),
         }
     }
 }

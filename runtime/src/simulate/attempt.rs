@@ -1,7 +1,8 @@
 //! An attempt at an adaptive step: what is computed of it, and its estimated error.
 
-use super::cluster::{Run, imbalance};
+use super::cluster::imbalance;
 use super::controller::Fit;
+use super::stepping::Fitted;
 use super::trial::{Taken, is_stateless};
 use crate::energy::{AccountPlaces, Ledger};
 use crate::ir::{Array, Slot};
@@ -54,43 +55,41 @@ struct Estimate {
     worst: usize,
 }
 
-impl Run {
+impl Fitted<'_> {
     /// A step of length `h` from `t`, cut to where a law switches, and its error. That is first looked for at `aim`
     /// from `t`, where that lies within the step.
-    pub(super) fn attempt(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
+    pub(super) fn attempt(&mut self, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
         self.keep_branches(true);
-        if let Some(fit) = &mut self.fit {
-            fit.stood = None;
-        }
-        let found = self.tried(c, t, h, aim);
-        if found.is_ok() || self.branches == 0 {
+        self.fit.stood = None;
+        let found = self.tried(t, h, aim);
+        if found.is_ok() || self.c.branch().is_none() {
             return found;
         }
         // Beyond a switch a branch may have no value, as the root of what is cut off there.
         self.keep_branches(false);
-        self.tried(c, t, h, aim)
+        self.tried(t, h, aim)
     }
 
-    fn tried(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
+    fn tried(&mut self, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
         self.stride(t, h, Part::Whole)?;
-        let event = self.event(c, t, h, aim)?;
+        let event = self.event(t, h, aim)?;
         let (h, is_event) = (event.map_or(h, |e| e.0), event.is_some());
         let faint = event.map(|e| e.1).filter(|guard| self.is_faint(*guard));
-        if is_doubled(c) {
-            if is_event || self.guards.is_none() {
+        if is_doubled(self.c) {
+            if is_event || self.run.guards.is_none() {
                 self.stride(t, 0.5 * h, Part::First)?;
             }
             self.stride(t + 0.5 * h, 0.5 * h, Part::Second)?;
         }
         // What ends at a switch was found with a whole step, and so that one counts.
         let near = !is_event && self.is_near();
-        let Estimate { error, fresh, worst } = self.estimate(c, is_event, near)?;
-        let whole = is_event || c.step.estimate.is_some();
-        let off = self.off(c, whole);
-        let Some(fit) = self.fit.as_mut().filter(|_| off != 0.0) else {
+        let Estimate { error, fresh, worst } = self.estimate(is_event, near)?;
+        let whole = is_event || self.c.step.estimate.is_some();
+        let off = self.off(whole);
+        if off == 0.0 {
             return Ok(Attempt { h, error, fresh, worst, whole, event: is_event, faint });
-        };
-        fit.off = off;
+        }
+        self.fit.off = off;
         Err(Failure::Balance)
     }
 
@@ -100,24 +99,24 @@ impl Run {
     /// where it starts, that what all of them say is worth nothing. So steps that are ever shorter are looked at first,
     /// by which no state may move by more than its size in the first. None where the shortest of them still moves one
     /// of them so.
-    pub(super) fn first_step(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
-        let o = self.numeric.error;
-        if c.step.properties.explicit {
-            return Some(self.first_explicit(c, t, h));
+    pub(super) fn first_step(&mut self, t: f64, h: f64) -> Option<f64> {
+        let o = self.fit.numeric.error;
+        if self.c.step.properties.explicit {
+            return Some(self.first_explicit(t, h));
         }
-        let stays = c.step.properties.keeps_fast_modes();
+        let stays = self.c.step.properties.keeps_fast_modes();
         let least = if stays { o.looks } else { 0 };
-        let looks = if c.has_exponentials { o.looks + o.exponential_looks } else { o.looks };
-        let root = self.cool(c, self.above(c)).sqrt();
+        let looks = if self.c.has_exponentials { o.looks + o.exponential_looks } else { o.looks };
+        let root = self.cool(self.above()).sqrt();
         let (mut first, mut most, mut thrown) = (h, 0.0f64, false);
         for k in 1..=looks {
             let short = h * o.look_shrink.powi(k);
             if self.stride(t, short, Part::Trial).is_err() {
                 continue;
             }
-            let Some(fit) = &mut self.fit else { return Some(h) };
+            let fit = &mut *self.fit;
             most = 0.0;
-            let states = self.state.iter().zip(&fit.trial.next).zip(&self.scales).zip(&mut fit.moves);
+            let states = self.run.state.iter().zip(&fit.trial.next).zip(&fit.scales).zip(&mut fit.moves);
             for (((x, y), scale), longer) in states {
                 let (moved, size) = ((y - x).abs(), x.abs().max(root * scale.natural));
                 if size > scale.faintest {
@@ -135,26 +134,26 @@ impl Run {
                 return Some(if thrown { first.min(short) } else { first });
             }
         }
-        (!c.has_exponentials || most < o.max_first_move).then_some(first.max(h * o.look_shrink.powi(looks)))
+        (!self.c.has_exponentials || most < o.max_first_move).then_some(first.max(h * o.look_shrink.powi(looks)))
     }
 
     /// Where a law has switched, and a step of a Gauss method that begins there was found good: how long one may be
     /// that sees how the states begin to move, where that one does not. What is far too fast for it stays, or turns
     /// round, and so it does in its halves. None where each moves on as it begins, or in no step that is not far
     /// shorter still.
-    pub(super) fn set_off(&mut self, c: &Cluster, t: f64, h: f64) -> Option<f64> {
-        let o = self.numeric.error;
-        let is_of = !c.is_non_smooth && c.step.properties.repeats_fast_modes();
-        if !is_of || self.fit.as_ref().is_none_or(|fit| fit.spare) {
+    pub(super) fn set_off(&mut self, t: f64, h: f64) -> Option<f64> {
+        let o = self.fit.numeric.error;
+        let is_of = !self.c.is_non_smooth && self.c.step.properties.repeats_fast_modes();
+        if !is_of || self.fit.spare {
             return None;
         }
-        let shrink = self.numeric.controller.failure_shrink;
-        let h_max = self.above(c);
-        let root = self.cool(c, h_max).sqrt();
+        let shrink = self.fit.numeric.controller.failure_shrink;
+        let h_max = self.above();
+        let root = self.cool(h_max).sqrt();
         let least = h * o.look_shrink.powi(o.looks);
         self.stride(t, least, Part::Trial).ok()?;
-        let fit = self.fit.as_mut()?;
-        let states = self.state.iter().zip(&fit.trial.next).zip(&mut fit.moves);
+        let fit = &mut *self.fit;
+        let states = self.run.state.iter().zip(&fit.trial.next).zip(&mut fit.moves);
         states.for_each(|((x, y), begins)| *begins = y - x);
         if self.goes_on((h, least), root, |fit| &fit.second.next) {
             return None;
@@ -167,9 +166,9 @@ impl Run {
 
     /// Whether no state moves by far less in a step of a length than it begins to move by, as over the least step.
     fn goes_on(&self, (length, least): (f64, f64), root: f64, end: impl Fn(&Fit) -> &[f64]) -> bool {
-        let Some(fit) = &self.fit else { return true };
-        let o = &self.numeric.error;
-        let mut states = self.state.iter().zip(end(fit)).zip(&fit.moves).zip(&self.scales).zip(&self.largest);
+        let fit = &*self.fit;
+        let o = &fit.numeric.error;
+        let mut states = self.run.state.iter().zip(end(fit)).zip(&fit.moves).zip(&fit.scales).zip(&self.run.largest);
         states.all(|((((x, y), begins), scale), largest)| {
             let (moved, wanted) = (y - x, begins * (length / least));
             let size = x.abs().max(*largest).max(o.state_floor * root * scale.natural);
@@ -180,17 +179,17 @@ impl Run {
 
     /// The first step of an explicit method, at most `h`: one that is too long for what is stiff moves states by the
     /// power of its length that the method has stages, and not as they begin to move.
-    fn first_explicit(&mut self, c: &Cluster, t: f64, h: f64) -> f64 {
-        let o = self.numeric.error;
+    fn first_explicit(&mut self, t: f64, h: f64) -> f64 {
+        let o = self.fit.numeric.error;
         // States begin to move by the 5/2nd power of the time at most: by its square where a source begins at 0.
         let begins = o.look_shrink.powi(2) * o.look_shrink.sqrt();
         let (mut first, mut looked) = (h, false);
         for k in 0..=o.looks {
             let length = h * o.look_shrink.powi(k);
             let done = self.stride(t, length, Part::Trial).is_ok();
-            let Some(fit) = &mut self.fit else { return h };
+            let fit = &mut *self.fit;
             // By how much each was moved by the longer one is kept where halves will be.
-            let states = self.state.iter().zip(&fit.trial.next).zip(&mut fit.first.next).take(c.states);
+            let states = self.run.state.iter().zip(&fit.trial.next).zip(&mut fit.first.next).take(self.c.states);
             for ((x, y), longer) in states {
                 let moved = (y - x).abs();
                 if !done || looked && *longer * begins > moved {
@@ -205,42 +204,45 @@ impl Run {
 
     /// What of an energy may move states that are no heat, J: what is stored as heat does not come back, and is large
     /// beside all else. Where there is any, what the largest values of the other states come to.
-    fn cool(&self, c: &Cluster, energy: f64) -> f64 {
-        if c.heats.is_empty() {
+    fn cool(&self, energy: f64) -> f64 {
+        if self.c.heats.is_empty() {
             return energy;
         }
-        let states = self.scales.iter().zip(&self.largest).filter(|(s, _)| !s.heat && s.natural > 0.0);
+        let states = self.fit.scales.iter().zip(&self.run.largest).filter(|(s, _)| !s.heat && s.natural > 0.0);
         states.map(|(s, x)| (x / s.natural).powi(2)).sum::<f64>().min(energy)
     }
 
     /// What the balance of what counts of an attempt is off by, where another stepper could take it; 0 else.
-    fn off(&self, c: &Cluster, whole: bool) -> f64 {
-        let Some(fit) = self.fit.as_ref().filter(|f| self.spare.is_some() && !f.spare) else { return 0.0 };
+    fn off(&self, whole: bool) -> f64 {
+        let fit = &*self.fit;
+        if self.run.spare.is_none() || fit.spare {
+            return 0.0;
+        }
         let of = |(p, e): (&AccountPlaces, &Entries)| {
-            let off = |step: &Taken| imbalance(&self.ledger, p, e, &step.output);
+            let off = |step: &Taken| imbalance(&self.run.ledger, p, e, &step.output);
             if whole { off(&fit.whole) } else { off(&fit.first).max(off(&fit.second)) }
         };
-        self.layout.accounts.iter().zip(&c.entries).map(of).fold(0.0, f64::max)
+        self.run.layout.accounts.iter().zip(&self.c.entries).map(of).fold(0.0, f64::max)
     }
 
     /// The largest energy of the cluster so far, above the least that there is, J.
-    fn above(&self, c: &Cluster) -> f64 {
-        self.layout.accounts.iter().zip(&c.entries).map(|(p, e)| above(&self.ledger, p, e)).sum()
+    fn above(&self) -> f64 {
+        self.run.layout.accounts.iter().zip(&self.c.entries).map(|(p, e)| above(&self.run.ledger, p, e)).sum()
     }
 
     /// The error of the whole step that was just taken, or (where it is not what counts) of its halves, relative to the
     /// states' sizes: the embedded estimate, or what the difference of the two tells. Where there is no state, it
     /// is asked of the ledger's energies: they are integrals, and all that a step's length is seen by. Where the step
     /// is `near` a switch, that difference itself.
-    fn estimate(&self, c: &Cluster, whole: bool, near: bool) -> Result<Estimate, Failure> {
+    fn estimate(&self, whole: bool, near: bool) -> Result<Estimate, Failure> {
         let mut most = Estimate { error: 0.0, fresh: false, worst: usize::MAX };
-        let Some(fit) = &self.fit else { return Ok(most) };
-        let o = &self.numeric.error;
-        let h_max = self.above(c);
+        let fit = &*self.fit;
+        let o = &fit.numeric.error;
+        let h_max = self.above();
         let order = if fit.spare {
-            c.step.fallback.as_ref().map_or(1, |f| f.properties.order)
+            self.c.step.fallback.as_ref().map_or(1, |f| f.properties.order)
         } else {
-            c.step.properties.order
+            self.c.step.properties.order
         };
         let raised = 2f64.powi(order as i32);
         let part = if whole || near { raised } else { 1.0 } / (raised - 1.0).max(1.0);
@@ -251,11 +253,11 @@ impl Run {
                 most = Estimate { error, fresh: before <= 0.1 * now, worst };
             }
         };
-        let (root, cool) = (h_max.sqrt(), self.cool(c, h_max).sqrt());
+        let (root, cool) = (h_max.sqrt(), self.cool(h_max).sqrt());
         // Errors that are rounding beside what is stored are none.
         let apart = o.state_floor.max(8.0 * f64::EPSILON / fit.tolerance);
-        for (i, scale) in self.scales.iter().enumerate() {
-            let (x, off) = match c.step.estimate {
+        for (i, scale) in fit.scales.iter().enumerate() {
+            let (x, off) = match self.c.step.estimate {
                 Some(slot) => (fit.whole.next[i], fit.whole.output[slot + i].abs()),
                 None => (fit.second.next[i], (fit.second.next[i] - fit.whole.next[i]).abs() * part),
             };
@@ -265,12 +267,12 @@ impl Run {
             if off <= scale.faintest + scale.drift * fit.whole.h {
                 continue;
             }
-            let (before, size) = match i.checked_sub(c.states) {
+            let (before, size) = match i.checked_sub(self.c.states) {
                 None => {
                     let root = if scale.heat { root } else { cool };
-                    let before = self.largest[i].max(apart * root * scale.natural);
+                    let before = self.run.largest[i].max(apart * root * scale.natural);
                     // What an explicit step has thrown far off is no size: beside it, its own error is small.
-                    let most = if c.step.properties.passive || before == 0.0 {
+                    let most = if self.c.step.properties.passive || before == 0.0 {
                         f64::INFINITY
                     } else {
                         o.max_state_growth * before
@@ -278,14 +280,14 @@ impl Run {
                     (before, x.abs().min(most).max(before))
                 }
                 // An integral is measured against all that went into it and out of it.
-                Some(k) => (fit.moved[k], fit.moved[k] + (x - self.state[i]).abs()),
+                Some(k) => (fit.moved[k], fit.moved[k] + (x - self.run.state[i]).abs()),
             };
             tell(i, off, before, size);
         }
-        let accounts = self.layout.accounts.iter().zip(&c.entries).filter(|_| is_stateless(c));
+        let accounts = self.run.layout.accounts.iter().zip(&self.c.entries).filter(|_| is_stateless(self.c));
         for (p, e) in accounts {
-            let [supplied, dissipated] = [p.supplied, p.dissipated].map(|at| self.ledger.sum(at).abs());
-            let moved = supplied.max(dissipated).max(above(&self.ledger, p, e));
+            let [supplied, dissipated] = [p.supplied, p.dissipated].map(|at| self.run.ledger.sum(at).abs());
+            let moved = supplied.max(dissipated).max(above(&self.run.ledger, p, e));
             for (_, slot) in e.supplied.iter().chain(&e.dissipated) {
                 let whole = fit.whole.output[*slot];
                 let halves = fit.first.output[*slot] + fit.second.output[*slot];
@@ -301,13 +303,13 @@ impl Run {
 
     /// One step, from the state (or the end of the first half) into one of the buffers.
     pub(super) fn stride(&mut self, t: f64, h: f64, part: Part) -> Result<(), Failure> {
-        let Some(fit) = &mut self.fit else { return Ok(()) };
-        self.input[0] = t;
-        self.input[1] = h;
-        let state = if part == Part::Second { &fit.first.next } else { &self.state };
-        let spare = self.spare.as_mut().filter(|_| fit.spare);
-        let ready = spare.unwrap_or(&mut self.step);
-        ready.run(state, &self.input)?;
+        let fit = &mut *self.fit;
+        self.run.input[0] = t;
+        self.run.input[1] = h;
+        let state = if part == Part::Second { &fit.first.next } else { &self.run.state };
+        let spare = self.run.spare.as_mut().filter(|_| fit.spare);
+        let ready = spare.unwrap_or(&mut self.run.step);
+        ready.run(state, &self.run.input)?;
         let work = &ready.work;
         // 0 times a number is 0 unless it is not finite.
         let spoiled: f64 = work.output.iter().map(|x| 0.0 * x).sum();

@@ -1,10 +1,8 @@
 //! A cluster as it runs: its state, its steps, its ledger.
 
-use super::controller::Fit;
-use super::error_scale::Scale;
 use super::guard::Watch;
 use super::input_signal::{ClusterInputs, InputSignal};
-use super::program::{Look, Ready, rounded_length, same_length};
+use super::program::{Look, Ready};
 use super::watched::Drawn;
 use super::{Error, Options};
 use crate::energy::{AccountPlaces, Booking, Layout, Ledger, account};
@@ -12,9 +10,7 @@ use crate::interpreter::Interpret;
 use crate::ir::{Array, Slot};
 use crate::kernel::{Backend, Failure};
 use crate::machine::{Exit, Real};
-use crate::options::NumericOptions;
 use crate::scene::{Cluster, Entries, Scene};
-use std::borrow::Cow;
 
 /// How often a fixed step that fails is halved.
 const HALVINGS: u32 = 12;
@@ -47,9 +43,6 @@ pub(super) struct Run {
     pub(super) state: Vec<f64>,
     /// t, h, ports, foreign signals, what is given from outside, traces, branches of laws.
     pub(super) input: Vec<f64>,
-    /// How many of the last, and whether laws are kept on them.
-    pub(super) branches: usize,
-    pub(super) branched: bool,
     pub(super) signals: ClusterInputs,
     /// Where the numbers of its ledger are.
     pub(super) layout: Layout,
@@ -64,13 +57,7 @@ pub(super) struct Run {
     /// The largest value that each state had, where somebody looks at it.
     pub(super) largest: Vec<f64>,
     traced: bool,
-    /// What an error of each state and integral is measured by.
-    pub(super) scales: Vec<Scale>,
-    /// What fits its steps to a tolerance, where it is run so.
-    pub(super) fit: Option<Fit>,
-    fixed: Option<f64>,
-    pub(super) default_step: f64,
-    pub(super) numeric: NumericOptions,
+    /// What is looked at.
     pub(super) glanced: Vec<f64>,
     /// What is looked at, while something else is.
     aside: Vec<f64>,
@@ -81,15 +68,13 @@ impl Run {
         (index, c): (usize, &Cluster),
         given: &[InputSignal],
         (options, scene): (&Options, &Scene),
+        fitted: bool,
         backend: &dyn Backend,
     ) -> Result<Self, Error> {
-        let numeric = scene.numeric;
         let instant = Look::new(&c.instant, backend);
         let mut stored = Look::new(&c.stored, &Interpret); // looked at once
         let state = c.initial.clone();
-        let is_exact = c.step.linear.is_some();
-        let fit = options.tolerance.filter(|_| c.period.is_none() && !is_exact);
-        let branch = c.branch().filter(|_| fit.is_some());
+        let branch = c.branch().filter(|_| fitted);
         let branches = c.guards.as_ref().filter(|_| branch.is_some()).map_or(0, |g| g.count);
         let mut input = vec![0.0; c.branches_at() + branches];
         let signals = ClusterInputs::new(c, given);
@@ -103,32 +88,20 @@ impl Run {
             why,
             jumps: Vec::new(),
         })?;
-        let out = out.to_vec();
-        let mut scales = Scale::all(c, &out, numeric.error.faintest_change);
-        if fit.is_some() {
-            Scale::look_further(&mut scales, c, (&out, scene.energy), |i, x| {
-                let mut moved = state.clone();
-                moved[i] += x;
-                stored.run(&moved, &input).ok().map(|out| out[c.curvatures[i]])
-            });
-        }
         let energy = |e: &Entries| c.energies.iter().find(|x| x.0 == e.region).map_or(0.0, |x| out[x.1]);
         let layout = Layout::new(index, c, true);
         let ledger = Ledger::new(&layout, c, c.entries.iter().map(energy));
         Ok(Self {
             step: branch.map_or_else(|| Ready::new(&c.step, backend), |b| Ready::of(&b.program, None, backend)),
-            branches,
-            branched: false,
             glance: c.step.glance.as_deref().map(|s| Ready::new(s, backend)),
             spare: c.step.fallback.as_deref().map(|s| Ready::new(s, backend)),
             instant,
-            guards: c.guards.as_ref().map(|g| Watch::new(g, numeric.events.min_pivot, backend)),
+            guards: c.guards.as_ref().map(|g| Watch::new(g, scene.numeric.events.min_pivot, backend)),
             before: vec![0.0; c.guards.as_ref().map_or(0, |g| g.count)],
             respond: c.respond.as_ref().map(|r| Look::new(&r.program, backend)),
             fallback: c.respond.as_ref().and_then(|r| r.fallback.as_ref()).map(|p| Look::new(p, backend)),
             largest: state[..n].iter().map(|x| x.abs()).collect(),
-            traced: fit.is_some() || c.is_traced(),
-            scales,
+            traced: c.is_traced(),
             glanced: state.clone(),
             aside: state.clone(),
             state,
@@ -141,10 +114,6 @@ impl Run {
             base: 0.0,
             count: 0,
             h: options.step.unwrap_or(options.default_step),
-            fit: fit.map(|tolerance| Fit::new(c, tolerance, options, &numeric.controller)),
-            fixed: options.step,
-            default_step: options.default_step,
-            numeric,
         })
     }
 
@@ -198,87 +167,15 @@ impl Run {
         (0..c.states).find(|k| !sound(*k)).and_then(|k| c.names.get(k))
     }
 
-    /// The fixed step that was asked for.
-    pub(super) fn wanted(&self) -> Option<f64> {
-        self.fixed
-    }
-
-    /// The step where none was asked for.
-    pub(super) fn usual(&self) -> f64 {
-        self.default_step
-    }
-
-    /// Runs on its grid, which ends at `end`, to that end.
-    pub(super) fn finish_at(&mut self, c: &Cluster, end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
-        if self.fit.is_some() {
-            return self.run_to(c, end, moved);
-        }
-        while self.time() < end - 1e-9 * self.h {
-            let t = self.time();
-            self.one(c, t, self.h, moved)?;
-            self.count += 1;
-        }
-        self.base = end;
-        self.count = 0;
-        Ok(())
-    }
-
-    /// Lays the grid anew: steps from now to `end`.
-    pub(super) fn regrid(&mut self, now: f64, end: f64, h: f64) {
-        if let Some(fit) = &mut self.fit {
-            fit.limit = end;
-            return;
-        }
-        let n = ((end - now) / h - 1e-9).ceil().max(1.0);
-        self.base = now;
-        self.count = 0;
-        let h = (end - now) / n;
-        // Intervals differ in their last bits; a step that differs so would need a table of its own.
-        if !same_length(h, self.h, end) {
-            self.h = h;
-        }
-    }
-
-    /// Runs to `end` exactly: with steps of at most the wanted length, or adaptive ones.
-    pub(super) fn run_to(&mut self, c: &Cluster, end: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
-        let now = self.time();
-        if end - now <= 1e-12 * end.abs().max(now.abs()) {
-            return Ok(());
-        }
-        if self.fit.is_some() {
-            self.fit_to(c, end, moved)?;
-        } else {
-            let h = self.fixed.unwrap_or(if c.step.properties.order == 0 && c.step.linear.is_some() {
-                end - now
-            } else {
-                self.default_step
-            });
-            let n = ((end - now) / h - 1e-9).ceil().max(1.0);
-            let h = (end - now) / n;
-            for i in 0..n as u64 {
-                self.one(c, now + i as f64 * h, h, moved)?;
-            }
-        }
-        self.base = end;
-        self.count = 0;
-        Ok(())
-    }
-
-    /// Runs on its own grid as far as `until`, not beyond.
-    pub(super) fn run_grid(&mut self, c: &Cluster, until: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
-        if self.fit.is_some() {
-            return self.fit_past(c, until, moved);
-        }
-        while self.base + (self.count + 1) as f64 * self.h <= until * (1.0 + 1e-12) {
-            let t = self.time();
-            self.one(c, t, self.h, moved)?;
-            self.count += 1;
-        }
+    /// The next step of its grid, kept.
+    pub(super) fn next(&mut self, c: &Cluster, moved: &mut [f64]) -> Result<(), Error> {
+        self.one(c, self.time(), self.h, moved)?;
+        self.count += 1;
         Ok(())
     }
 
     /// One step, kept.
-    pub(super) fn one(&mut self, c: &Cluster, t: f64, h: f64, moved: &mut Vec<f64>) -> Result<(), Error> {
+    pub(super) fn one(&mut self, c: &Cluster, t: f64, h: f64, moved: &mut [f64]) -> Result<(), Error> {
         if c.period.is_some() {
             return self.split(c, t, h, moved, 0);
         }
@@ -288,7 +185,7 @@ impl Run {
             let cut = self.signals.cut(at, end);
             let piece = cut.unwrap_or(end);
             if cut.is_some() || at > t {
-                rest = rounded_length(piece - at, at);
+                rest = self.step.length(piece - at, at);
             }
             self.signals.aim(&mut self.input, at, piece);
             while let Some(part) = self.switch(c, at, rest) {
@@ -361,7 +258,7 @@ impl Run {
 
     /// One step, kept; a step of a continuous cluster that fails is taken as two of half the length, and those
     /// likewise: a law that switches may leave a step without a solution, and then the halves have one.
-    fn split(&mut self, c: &Cluster, t: f64, h: f64, moved: &mut Vec<f64>, depth: u32) -> Result<(), Error> {
+    fn split(&mut self, c: &Cluster, t: f64, h: f64, moved: &mut [f64], depth: u32) -> Result<(), Error> {
         self.prepare(c, h)?;
         self.input[0] = t;
         self.input[1] = h;
@@ -425,27 +322,8 @@ impl Run {
         }
     }
 
-    /// The state at `t`, without keeping it: by a step from the state, or from halfway through the planned one. Where
-    /// the run is beyond that, because another region failed there, it is the state as it is.
-    pub(super) fn look_at(&mut self, c: &Cluster, t: f64) -> Result<&[f64], Error> {
-        if self.fit.as_ref().is_some_and(|f| f.shown == Some(t)) {
-            return Ok(&self.glanced);
-        }
-        if let Some(fit) = &mut self.fit {
-            fit.shown = None;
-        }
-        let mut now = self.time();
-        let least = 1e-12 * t.abs().max(now.abs());
-        self.glanced.copy_from_slice(&self.state);
-        if t - now <= least || c.period.is_some() {
-            return Ok(&self.glanced);
-        }
-        if let Some(fit) = &mut self.fit
-            && fit.is_midway(t - now, least)
-        {
-            now += fit.half.h;
-            self.glanced.copy_from_slice(&fit.half.next);
-        }
+    /// Moves what is looked at from `now` to `t`. Whether it was one step.
+    pub(super) fn glance_to(&mut self, c: &Cluster, now: f64, t: f64) -> Result<bool, Error> {
         let (mut at, mut rest) = (now, t - now);
         let mut single = true;
         loop {
@@ -468,37 +346,9 @@ impl Run {
                 self.glanced[loops.clone()].copy_from_slice(&self.aside[loops]);
             }
             if cut.is_none() {
-                if let Some(fit) = &mut self.fit {
-                    (fit.shown, fit.single) = (Some(t), single);
-                    let n = fit.output.len();
-                    fit.output.copy_from_slice(&self.step.work.output[..n]);
-                }
-                return Ok(&self.glanced);
+                return Ok(single);
             }
             at = piece;
-        }
-    }
-
-    /// The state as it was looked at last at `t`, which may lie within a step.
-    pub(super) fn state_at(&self, t: f64) -> &[f64] {
-        let shown = self.fit.as_ref().is_some_and(|f| f.shown == Some(t));
-        if shown { &self.glanced } else { &self.state }
-    }
-
-    /// The ledger at `t`: with the steps to there where it was looked at within a step.
-    pub(super) fn ledger_at(&self, c: &Cluster, t: f64) -> Cow<'_, Ledger> {
-        match self.fit.as_ref().filter(|f| f.shown == Some(t) && f.single) {
-            None => Cow::Borrowed(&self.ledger),
-            Some(fit) => {
-                let ledger = self.ledger.clone();
-                let book = |output: &[f64]| book_step(&ledger, &self.layout, c, output);
-                let half = if fit.midway { book(&fit.half.output) } else { Ok(()) };
-                // An energy that is no number ends the step that it lies in.
-                match half.and_then(|()| book(&fit.output)) {
-                    Ok(()) => Cow::Owned(ledger),
-                    Err(_) => Cow::Borrowed(&self.ledger),
-                }
-            }
         }
     }
 
@@ -521,7 +371,7 @@ impl Run {
         let iterations = self.step.work.newton_iterations;
         let other = self.spare.as_mut().filter(|_| depth >= OWN).or(self.glance.as_mut());
         let ready = other.unwrap_or(&mut self.step);
-        let h = rounded_length(h, at);
+        let h = ready.length(h, at);
         self.input[0] = at;
         self.input[1] = h;
         if let Err(why) = ready.prepare(h) {
@@ -546,17 +396,6 @@ impl Run {
                 Ok(false)
             }
         }
-    }
-
-    /// Runs the cluster's observation at `t`.
-    pub(super) fn observe(&mut self, c: &Cluster, t: f64) -> Result<(), Error> {
-        self.look_at(c, t)?;
-        self.input[0] = t;
-        if c.period.is_none() {
-            self.signals.latch(&mut self.input, t);
-        }
-        let result = self.instant.run(&self.glanced, &self.input).map(|_| ());
-        result.map_err(|why| self.failure(c, t, why))
     }
 
     /// The output of the last step.
@@ -644,8 +483,7 @@ fn not_finite(e: &Entries, output: &[f64]) -> String {
 }
 
 /// Adds to each port the integral of what it gave out.
-pub(super) fn advance_ports(c: &Cluster, out: &[f64], h: f64, moved: &mut Vec<f64>) {
-    moved.resize(c.ports.len(), 0.0);
+pub(super) fn advance_ports(c: &Cluster, out: &[f64], h: f64, moved: &mut [f64]) {
     for (m, p) in moved.iter_mut().zip(&c.ports) {
         *m += h * out[p.mean];
     }

@@ -1,11 +1,12 @@
 //! The controller of adaptive steps, and the buffers of their attempts.
 
 use super::Options;
+use super::error_scale::Scale;
 use super::trial::{Taken, copy, is_stateless};
 use crate::eval;
 use crate::ir::{Array, Unary};
-use crate::options::ControllerOptions;
-use crate::scene::Cluster;
+use crate::options::{ControllerOptions, NumericOptions};
+use crate::scene::{Cluster, Scene};
 use serde::{Deserialize, Serialize};
 
 pub(super) fn exp(x: f64) -> f64 {
@@ -162,6 +163,13 @@ pub(super) struct Plan {
 pub(super) struct Fit {
     pub(super) tolerance: f64,
     pub(super) longest: f64,
+    /// The step of a region that has no tolerance, s.
+    pub(super) usual: f64,
+    pub(super) numeric: NumericOptions,
+    /// What an error of each state and integral is measured by.
+    pub(super) scales: Vec<Scale>,
+    /// Whether laws are kept on the branches that end the inputs.
+    pub(super) branched: bool,
     pub(super) control: Control,
     /// The next instant that has to be met.
     pub(super) limit: f64,
@@ -202,7 +210,8 @@ pub(super) struct Fit {
 }
 
 impl Fit {
-    pub(super) fn new(c: &Cluster, tolerance: f64, options: &Options, o: &ControllerOptions) -> Self {
+    pub(super) fn new(c: &Cluster, tolerance: f64, scales: Vec<Scale>, options: &Options, scene: &Scene) -> Self {
+        let (numeric, o) = (scene.numeric, &scene.numeric.controller);
         let ahead = o.first_step * options.default_step;
         let guards = c.guards.as_ref().map_or(0, |g| g.count);
         let integrals = &c.initial[c.states..c.states + c.integrals];
@@ -213,6 +222,9 @@ impl Fit {
         Self {
             tolerance,
             longest: options.longest.unwrap_or(f64::INFINITY).min(most),
+            usual: options.default_step,
+            scales,
+            branched: false,
             control: Control::new(ahead),
             limit: 0.0,
             driven: false,
@@ -235,7 +247,13 @@ impl Fit {
             single: false,
             midway: false,
             half: Taken::new(c),
+            numeric,
         }
+    }
+
+    /// The controller and the iterations, of which so many are done, without what is only planned.
+    pub(super) fn kept(&self, iterations: u64) -> (Control, u64) {
+        self.plan.map_or((self.control, iterations), |p| p.before)
     }
 
     /// Whether an instant that lies so far beyond the state is looked at from halfway through the planned step: where

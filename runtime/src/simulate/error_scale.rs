@@ -1,6 +1,10 @@
 //! What errors of states and integrals are measured by.
 
-use crate::scene::Cluster;
+use super::cluster::Run;
+use super::program::Look;
+use crate::interpreter::Interpret;
+use crate::kernel::Failure;
+use crate::scene::{Cluster, Scene};
 
 /// What an error of a state or an integral is measured by.
 #[derive(Clone, Copy, Debug)]
@@ -21,9 +25,12 @@ const FAR: usize = 256;
 const OCTAVES: i32 = 200;
 
 impl Scale {
-    /// Those of a cluster's states, then of its integrals, by what `stored` gives at the start. An error that is less
-    /// than a `part` of what is measured is none.
-    pub(super) fn all(c: &Cluster, stored: &[f64], part: f64) -> Vec<Self> {
+    /// Those of a cluster's states, then of its integrals, by what is stored at the start. An error that is next to
+    /// nothing beside what is measured is none.
+    pub(super) fn all(c: &Cluster, run: &Run, scene: &Scene) -> Result<Vec<Self>, Failure> {
+        let part = scene.numeric.error.faintest_change;
+        let mut look = Look::new(&c.stored, &Interpret);
+        let stored = look.run(&run.state, &run.input)?.to_vec();
         let state = |i: usize| {
             let (curvature, grain) = (stored[c.curvatures[i]], stored[c.grains[i]]);
             let faintest = part * c.sizes[i];
@@ -38,28 +45,23 @@ impl Scale {
             Self { natural, heat, faintest, drift: 0.0 }
         };
         let integral = |size: &f64| Self { natural: 0.0, heat: false, faintest: part * size, drift: 0.0 };
-        (0..c.states).map(state).chain(c.sizes[c.states..].iter().map(integral)).collect()
-    }
-
-    /// Where H does not bend at the start, as of bodies that touch by Hertz' law: how far away the scene's `energy`
-    /// lies, by the curvature there, `bends` of a state and how far it is moved. An error of next to nothing would be
-    /// one of all that there is, else.
-    pub(super) fn look_further(
-        scales: &mut [Self],
-        c: &Cluster,
-        (stored, energy): (&[f64], f64),
-        mut bends: impl FnMut(usize, f64) -> Option<f64>,
-    ) {
-        if c.states > FAR || energy <= 0.0 {
-            return;
+        let mut scales: Vec<_> = (0..c.states).map(state).chain(c.sizes[c.states..].iter().map(integral)).collect();
+        if c.states > FAR || scene.energy <= 0.0 {
+            return Ok(scales);
         }
-        for (i, scale) in scales.iter_mut().enumerate().take(c.states) {
-            if stored[c.curvatures[i]] != 0.0 {
-                continue;
-            }
-            let sizes = (-OCTAVES..=OCTAVES).map(|k| 2f64.powi(k));
-            let mut holds = |x: f64| bends(i, x).is_some_and(|k| k.is_finite() && 0.5 * k * x * x >= energy);
-            scale.natural = sizes.into_iter().find(|x| holds(*x) || holds(-x)).map_or(0.0, |x| x / energy.sqrt());
+        // Where H does not bend at the start, as of bodies that touch by Hertz' law: how far away the scene's energy
+        // lies, by the curvature there. An error of next to nothing would be one of all that there is, else.
+        let mut moved = run.state.clone();
+        for i in (0..c.states).filter(|i| stored[c.curvatures[*i]] == 0.0) {
+            let mut holds = |x: f64| {
+                moved[i] = run.state[i] + x;
+                let bends = look.run(&moved, &run.input).ok().map(|out| out[c.curvatures[i]]);
+                bends.is_some_and(|k| k.is_finite() && 0.5 * k * x * x >= scene.energy)
+            };
+            let found = (-OCTAVES..=OCTAVES).map(|k| 2f64.powi(k)).find(|x| holds(*x) || holds(-x));
+            scales[i].natural = found.map_or(0.0, |x| x / scene.energy.sqrt());
+            moved[i] = run.state[i];
         }
+        Ok(scales)
     }
 }

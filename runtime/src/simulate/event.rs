@@ -2,10 +2,10 @@
 //! an instant just past the change.
 
 use super::attempt::Part;
-use super::cluster::Run;
 use super::controller::{Control, noise};
 use super::guard::Watch;
 use super::program::Ready;
+use super::stepping::Fitted;
 use super::trial::copy;
 use crate::kernel::Failure;
 use crate::options::EventOptions;
@@ -73,82 +73,75 @@ enum Located {
     Stands(usize),
 }
 
-impl Run {
+impl Fitted<'_> {
     /// Takes down the guards at the start of a step, which will have about this length.
-    pub(super) fn guards_before(&mut self, c: &Cluster, t: f64, h: f64) {
+    pub(super) fn guards_before(&mut self, t: f64, h: f64) {
         self.free();
-        let o = self.numeric.events;
-        let Some(guards) = &mut self.guards else { return };
-        self.input[0] = t;
-        self.input[1] = o.peek * h;
-        look(c, guards, &mut self.step, (&self.state, &mut self.input), None, &mut self.before);
+        let Self { c, run, fit } = self;
+        let o = fit.numeric.events;
+        let Some(guards) = &mut run.guards else { return };
+        run.input[0] = t;
+        run.input[1] = o.peek * h;
+        look(c, guards, &mut run.step, (&run.state, &mut run.input), None, &mut run.before);
         let left = |(k, (x, top)): (usize, (&f64, &f64))| x.abs() <= o.noise_floor * top && guards.is_loop(k);
-        if let Some(fit) = &self.fit
-            && t > 0.0
-            && fit.control.began == t
-            && self.before.iter().zip(&fit.tops).enumerate().any(left)
-        {
-            beyond(c, guards, &mut self.step, (&self.state, &mut self.input), (&fit.tops, &mut self.before), &o);
+        if t > 0.0 && fit.control.began == t && run.before.iter().zip(&fit.tops).enumerate().any(left) {
+            beyond(c, guards, &mut run.step, (&run.state, &mut run.input), (&fit.tops, &mut run.before), &o);
         }
-        if let Some(fit) = &mut self.fit {
-            fit.tops.iter_mut().zip(&self.before).for_each(|(top, x)| *top = top.max(x.abs()));
-            hush(&fit.control, &fit.tops, &mut self.before, &o);
-            // The step before this one ended just before its switch.
-            if let Some(guard) = fit.control.stood {
-                self.before[guard] = 0.0;
-            }
+        fit.tops.iter_mut().zip(&run.before).for_each(|(top, x)| *top = top.max(x.abs()));
+        hush(&fit.control, &fit.tops, &mut run.before, &o);
+        // The step before this one ended just before its switch.
+        if let Some(guard) = fit.control.stood {
+            run.before[guard] = 0.0;
         }
     }
 
     /// Whether laws are kept on the branches that they had at the start of the step, from now on.
     pub(super) fn keep_branches(&mut self, keep: bool) {
-        self.branched = keep;
+        self.fit.branched = keep;
         self.free();
         self.branch();
     }
 
     /// Has laws look for themselves on which branch they are.
     fn free(&mut self) {
-        let at = self.input.len() - self.branches;
-        self.input[at..].fill(0.0);
+        let at = self.c.branches_at();
+        self.run.input[at..].fill(0.0);
     }
 
     /// Puts laws on the branches that they had at the start of the step, where they are kept there.
     fn branch(&mut self) {
-        if !self.branched {
+        if !self.fit.branched {
             return;
         }
-        let at = self.input.len() - self.branches;
-        let sides = self.before.iter().map(|x| f64::from(i8::from(*x > 0.0) - i8::from(*x < 0.0)));
-        self.input[at..].iter_mut().zip(sides).for_each(|(b, side)| *b = side);
+        let at = self.c.branches_at();
+        let sides = self.run.before.iter().map(|x| f64::from(i8::from(*x > 0.0) - i8::from(*x < 0.0)));
+        self.run.input[at..].iter_mut().zip(sides).for_each(|(b, side)| *b = side);
     }
 
     /// Whether a guard all but vanishes where a step starts.
     pub(super) fn is_low(&self, guard: usize) -> bool {
-        self.fit
-            .as_ref()
-            .is_some_and(|fit| self.before[guard].abs() <= self.numeric.events.noise_floor * fit.tops[guard])
+        self.run.before[guard].abs() <= self.fit.numeric.events.noise_floor * self.fit.tops[guard]
     }
 
     /// Whether a guard that switched in the step all but vanishes.
     pub(super) fn is_faint(&self, guard: usize) -> bool {
-        let Some(fit) = &self.fit else { return false };
-        let most = [&self.before, &fit.below, &fit.beyond].iter().fold(0.0f64, |a, list| a.max(list[guard].abs()));
-        most <= self.numeric.events.noise_floor * fit.tops[guard]
+        let fit = &*self.fit;
+        let most = [&self.run.before, &fit.below, &fit.beyond].iter().fold(0.0f64, |a, list| a.max(list[guard].abs()));
+        most <= fit.numeric.events.noise_floor * fit.tops[guard]
     }
 
     /// Where a law switches in the whole step of length `h` from `t` that was just taken: the length of a step that
     /// ends just past it, which then is the whole step, and the guard. A switch at the very start is let be. Without
     /// one, the first half was taken too, where there are guards. It is first looked for at `aim` from `t`.
-    pub(super) fn event(&mut self, c: &Cluster, t: f64, h: f64, aim: f64) -> Result<Option<(f64, usize)>, Failure> {
-        for _ in 0..=self.before.len() {
-            let Some(bracket) = self.bracket(c, t, h)? else { return Ok(None) };
-            let guard = match self.locate(c, t, h, aim, bracket)? {
+    pub(super) fn event(&mut self, t: f64, h: f64, aim: f64) -> Result<Option<(f64, usize)>, Failure> {
+        for _ in 0..=self.run.before.len() {
+            let Some(bracket) = self.bracket(t, h)? else { return Ok(None) };
+            let guard = match self.locate(t, h, aim, bracket)? {
                 Located::At(found, guard) => return Ok(Some((found, guard))),
                 Located::Stands(guard) => guard,
             };
             // The others may switch all the same.
-            self.before[guard] = 0.0;
+            self.run.before[guard] = 0.0;
             self.free();
             self.branch();
             self.stride(t, h, Part::Whole)?;
@@ -160,43 +153,44 @@ impl Run {
     }
 
     /// Locates the switch in a bracket.
-    fn locate(&mut self, c: &Cluster, t: f64, h: f64, aim: f64, mut bracket: Bracket) -> Result<Located, Failure> {
+    fn locate(&mut self, t: f64, h: f64, aim: f64, mut bracket: Bracket) -> Result<Located, Failure> {
         let floor = (4.0 * f64::EPSILON * (t + h).abs()).max(1e-14 * h);
-        let mut past = self.narrow(c, t, (aim, floor), &mut bracket)?;
+        let mut past = self.narrow(t, (aim, floor), &mut bracket)?;
         // Another guard may have changed its sign before, and jump back there, as at the end of a turn.
-        for _ in 0..if c.guards.as_ref().is_some_and(|g| g.jumps) { MAX_SOONER } else { 0 } {
-            let Some(sooner) = self.sooner(c, t, (bracket.low.0, bracket.high.0 - 2.0 * past))? else { break };
+        for _ in 0..if self.c.guards.as_ref().is_some_and(|g| g.jumps) { MAX_SOONER } else { 0 } {
+            let Some(sooner) = self.sooner(t, (bracket.low.0, bracket.high.0 - 2.0 * past))? else { break };
             bracket = sooner;
-            past = self.narrow(c, t, (aim, floor), &mut bracket)?;
+            past = self.narrow(t, (aim, floor), &mut bracket)?;
         }
         let found = bracket.high.0;
-        if found < self.numeric.events.start * self.default_step && (t + found <= t || !self.jumped(c)) {
+        if found < self.fit.numeric.events.start * self.fit.usual && (t + found <= t || !self.jumped()) {
             return Ok(Located::Stands(bracket.guard));
         }
-        let before = match &c.guards {
-            Some(guards) if guards.ends => self.end_before(c, t, &bracket, (past, floor))?,
+        let before = match &self.c.guards {
+            Some(guards) if guards.ends => self.end_before(t, &bracket, (past, floor))?,
             _ => None,
         };
         Ok(Located::At(before.unwrap_or(found), bracket.guard))
     }
 
     /// Whether a guard is clearly beyond 0 just past a switch: it jumps there, and may jump back within the step.
-    fn jumped(&self, c: &Cluster) -> bool {
-        let (true, Some(fit)) = (c.guards.as_ref().is_some_and(|g| g.jumps), &self.fit) else { return false };
+    fn jumped(&self) -> bool {
+        let fit = &*self.fit;
         let mut values = fit.below.iter().zip(&fit.beyond).zip(&fit.tops);
-        values.any(|((from, to), top)| from * to < 0.0 && to.abs() > self.numeric.events.min_jump * top)
+        self.c.guards.as_ref().is_some_and(|g| g.jumps)
+            && values.any(|((from, to), top)| from * to < 0.0 && to.abs() > fit.numeric.events.min_jump * top)
     }
 
     /// The bracket of a guard that changes its sign between where all are as last seen and another place, if one does.
     /// The whole step then ends there.
-    fn sooner(&mut self, c: &Cluster, t: f64, (low, at): (f64, f64)) -> Result<Option<Bracket>, Failure> {
+    fn sooner(&mut self, t: f64, (low, at): (f64, f64)) -> Result<Option<Bracket>, Failure> {
         if at <= low {
             return Ok(None);
         }
         self.stride(t, at, Part::Trial)?;
-        self.guards_at(c, t + at, Part::Trial);
-        let o = self.numeric.events;
-        let Some(fit) = &mut self.fit else { return Ok(None) };
+        self.guards_at(t + at, Part::Trial);
+        let o = self.fit.numeric.events;
+        let fit = &mut *self.fit;
         let Some(guard) = earliest(&fit.below, &fit.seen).filter(|g| fit.seen[*g].abs() > o.min_jump * fit.tops[*g])
         else {
             return Ok(None);
@@ -207,8 +201,8 @@ impl Run {
     }
 
     /// Narrows a bracket down; how far its end is past the switch.
-    fn narrow(&mut self, c: &Cluster, t: f64, (aim, floor): (f64, f64), bracket: &mut Bracket) -> Result<f64, Failure> {
-        let part = self.numeric.events.slow_round;
+    fn narrow(&mut self, t: f64, (aim, floor): (f64, f64), bracket: &mut Bracket) -> Result<f64, Failure> {
+        let part = self.fit.numeric.events.slow_round;
         let mut past = floor;
         let mut slow = false;
         for round in 0..MAX_ROUNDS {
@@ -228,8 +222,8 @@ impl Run {
             }
             let at = if root + past < high { root + past } else { middle };
             self.stride(t, at, Part::Trial)?;
-            self.guards_at(c, t + at, Part::Trial);
-            let Some(fit) = &mut self.fit else { return Ok(past) };
+            self.guards_at(t + at, Part::Trial);
+            let fit = &mut *self.fit;
             let least = bracket.low.1.abs().min(bracket.high.1.abs());
             let point;
             if let Some(guard) = earliest(&fit.below, &fit.seen) {
@@ -257,25 +251,19 @@ impl Run {
 
     /// Ends the whole step just before the switch in a bracket, where a step to there can be had: its length. What is
     /// between is passed over: it has to be rounding.
-    fn end_before(
-        &mut self,
-        c: &Cluster,
-        t: f64,
-        bracket: &Bracket,
-        (past, floor): (f64, f64),
-    ) -> Result<Option<f64>, Failure> {
+    fn end_before(&mut self, t: f64, bracket: &Bracket, (past, floor): (f64, f64)) -> Result<Option<f64>, Failure> {
         let (low, high) = (bracket.low.0, bracket.high.0);
         let mut back = 2.0 * past;
         loop {
             let at = low.max(high - back);
-            if high - at > self.numeric.events.max_gap * floor || at <= 0.5 * high {
+            if high - at > self.fit.numeric.events.max_gap * floor || at <= 0.5 * high {
                 return Ok(None);
             }
             self.stride(t, at, Part::Trial)?;
             // A look ahead would be beyond the switch.
-            self.guards_ahead(c, t + at, Part::Trial, 0.0);
-            let Some(fit) = &mut self.fit else { return Ok(None) };
-            if earliest(&self.before, &fit.seen).is_none() {
+            self.guards_ahead(t + at, Part::Trial, 0.0);
+            let fit = &mut *self.fit;
+            if earliest(&self.run.before, &fit.seen).is_none() {
                 std::mem::swap(&mut fit.trial, &mut fit.whole);
                 fit.stood = Some((bracket.guard, high));
                 return Ok(Some(at));
@@ -291,9 +279,9 @@ impl Run {
     /// first root of the parabolas through the guards at its start, middle and end; infinite where there is none. And
     /// whether that guard came nearer to 0 in the step, by more than what may be rounding.
     pub(super) fn foretold(&self, t: f64, h: f64) -> (f64, bool) {
-        let (Some(_), Some(fit)) = (&self.guards, &self.fit) else { return (f64::INFINITY, false) };
-        let o = self.numeric.events;
-        let values = self.before.iter().zip(&fit.below).zip(&fit.beyond).zip(&fit.tops);
+        let fit = &*self.fit;
+        let o = fit.numeric.events;
+        let values = self.run.before.iter().zip(&fit.below).zip(&fit.beyond).zip(&fit.tops);
         let roots = values.filter_map(|(((start, middle), end), top)| {
             let falls = end.abs() < o.approach * start.abs() && start.abs() > o.noise_floor * top;
             next(*start, *middle, *end).map(|u| (t + h + h * u, falls))
@@ -304,9 +292,9 @@ impl Run {
     /// Whether a guard all but touches 0 within the step that was just found to have no switch: it may have been beyond
     /// for a while, and a step whose nodes lie on both sides of a switch is none that its order tells the error of.
     pub(super) fn is_near(&self) -> bool {
-        let (Some(_), Some(fit)) = (&self.guards, &self.fit) else { return false };
-        let o = self.numeric.events;
-        let mut values = self.before.iter().zip(&fit.below).zip(&fit.beyond).zip(&fit.tops);
+        let fit = &*self.fit;
+        let o = fit.numeric.events;
+        let mut values = self.run.before.iter().zip(&fit.below).zip(&fit.beyond).zip(&fit.tops);
         values.any(|(((start, middle), end), top)| {
             start.abs().max(end.abs()) > o.noise_floor * top && touches([*start, *middle, *end], o.touch)
         })
@@ -314,19 +302,19 @@ impl Run {
 
     /// The part of the step in which the first guard changes sign, if one does: what is seen at the end of the step, or
     /// at its middle. The whole step is then the one to the end of that part.
-    fn bracket(&mut self, c: &Cluster, t: f64, h: f64) -> Result<Option<Bracket>, Failure> {
-        if self.guards.is_none() {
+    fn bracket(&mut self, t: f64, h: f64) -> Result<Option<Bracket>, Failure> {
+        if self.run.guards.is_none() {
             return Ok(None);
         }
-        self.guards_at(c, t + h, Part::Whole);
-        let Some(fit) = &mut self.fit else { return Ok(None) };
-        fit.below.copy_from_slice(&self.before);
+        self.guards_at(t + h, Part::Whole);
+        let fit = &mut *self.fit;
+        fit.below.copy_from_slice(&self.run.before);
         std::mem::swap(&mut fit.seen, &mut fit.beyond);
         if let Some(guard) = earliest(&fit.below, &fit.beyond) {
             return Ok(Some(Bracket::new(guard, (0.0, fit.below[guard]), (h, fit.beyond[guard]), None)));
         }
-        self.middle(c, t, h)?;
-        let Some(fit) = &mut self.fit else { return Ok(None) };
+        self.middle(t, h)?;
+        let fit = &mut *self.fit;
         if let Some(guard) = earliest(&fit.below, &fit.seen) {
             let third = Some((h, fit.beyond[guard]));
             std::mem::swap(&mut fit.seen, &mut fit.beyond);
@@ -336,35 +324,35 @@ impl Run {
         }
         std::mem::swap(&mut fit.seen, &mut fit.below);
         // One that changes sign twice to one side of the middle: where the parabola through its three values turns.
-        let values = self.before.iter().zip(&fit.below).zip(&fit.beyond);
+        let values = self.run.before.iter().zip(&fit.below).zip(&fit.beyond);
         let turns = values.filter_map(|((start, middle), end)| turn(*start, *middle, *end));
         if let Some(at) = turns.min_by(f64::total_cmp).map(|part| part * h) {
             self.stride(t, at, Part::Trial)?;
-            self.guards_at(c, t + at, Part::Trial);
-            let Some(fit) = &mut self.fit else { return Ok(None) };
-            if let Some(guard) = earliest(&self.before, &fit.seen) {
+            self.guards_at(t + at, Part::Trial);
+            let fit = &mut *self.fit;
+            if let Some(guard) = earliest(&self.run.before, &fit.seen) {
                 std::mem::swap(&mut fit.seen, &mut fit.beyond);
                 std::mem::swap(&mut fit.trial, &mut fit.whole);
                 let late = at > 0.5 * h;
                 if !late {
-                    fit.below.copy_from_slice(&self.before);
+                    fit.below.copy_from_slice(&self.run.before);
                 }
                 let low = if late { 0.5 * h } else { 0.0 };
                 return Ok(Some(Bracket::new(guard, (low, fit.below[guard]), (at, fit.beyond[guard]), None)));
             }
         }
         // One that changes its sign in the second half, and jumps back right at its end.
-        let jumps = c.guards.as_ref().is_some_and(|g| g.jumps);
-        let min_jump = self.numeric.events.min_jump;
+        let jumps = self.c.guards.as_ref().is_some_and(|g| g.jumps);
+        let min_jump = self.fit.numeric.events.min_jump;
         let is_there = |(x, top): (&f64, &f64)| x.abs() <= min_jump * top;
-        if jumps && self.fit.as_ref().is_some_and(|fit| fit.beyond.iter().zip(&fit.tops).any(is_there)) {
+        if jumps && self.fit.beyond.iter().zip(&self.fit.tops).any(is_there) {
             let at = h - (8.0 * f64::EPSILON * (t + h).abs()).max(1e-13 * h);
-            if let Some(bracket) = self.sooner(c, t, (0.5 * h, at))? {
+            if let Some(bracket) = self.sooner(t, (0.5 * h, at))? {
                 return Ok(Some(bracket));
             }
         }
         // A guard that was 0 at the start.
-        let Some(fit) = &self.fit else { return Ok(None) };
+        let fit = &*self.fit;
         let found = earliest(&fit.below, &fit.beyond);
         let ends = |i: usize| ((0.5 * h, fit.below[i]), (h, fit.beyond[i]));
         Ok(found.map(|guard| Bracket::new(guard, ends(guard).0, ends(guard).1, None)))
@@ -372,42 +360,44 @@ impl Run {
 
     /// Looks at the guards in the middle of the whole step: as the step tells it, or else, or where that is beyond a
     /// switch, by a step to there.
-    fn middle(&mut self, c: &Cluster, t: f64, h: f64) -> Result<(), Failure> {
-        let n = c.states + c.integrals;
-        if let (Some(at), Some(fit)) = (c.branch().and_then(|b| b.middle), &mut self.fit) {
+    fn middle(&mut self, t: f64, h: f64) -> Result<(), Failure> {
+        let n = self.c.states + self.c.integrals;
+        if let Some(at) = self.c.branch().and_then(|b| b.middle) {
+            let fit = &mut *self.fit;
             fit.first.h = 0.5 * h;
             fit.first.next[..n].copy_from_slice(&fit.whole.output[at..at + n]);
             fit.first.next[n..].copy_from_slice(&fit.whole.next[n..]);
-            self.guards_at(c, t + 0.5 * h, Part::First);
-            if self.fit.as_ref().is_some_and(|fit| earliest(&fit.below, &fit.seen).is_none()) {
+            self.guards_at(t + 0.5 * h, Part::First);
+            if earliest(&self.fit.below, &self.fit.seen).is_none() {
                 return Ok(());
             }
         }
         self.stride(t, 0.5 * h, Part::First)?;
-        self.guards_at(c, t + 0.5 * h, Part::First);
+        self.guards_at(t + 0.5 * h, Part::First);
         Ok(())
     }
 
     /// Looks at the guards at the end of a step.
-    fn guards_at(&mut self, c: &Cluster, t: f64, part: Part) {
-        self.guards_ahead(c, t, part, self.numeric.events.peek);
+    fn guards_at(&mut self, t: f64, part: Part) {
+        self.guards_ahead(t, part, self.fit.numeric.events.peek);
     }
 
     /// Looks at the guards at the end of a step, and ahead by a part of its length for what the end does not tell.
-    fn guards_ahead(&mut self, c: &Cluster, t: f64, part: Part, ahead: f64) {
+    fn guards_ahead(&mut self, t: f64, part: Part, ahead: f64) {
         self.free();
-        let (Some(guards), Some(fit)) = (&mut self.guards, &mut self.fit) else { return };
+        let Self { c, run, fit } = self;
+        let Some(guards) = &mut run.guards else { return };
         let taken = match part {
             Part::Whole => &fit.whole,
             Part::First => &fit.first,
             Part::Second => &fit.second,
             Part::Trial => &fit.trial,
         };
-        self.input[0] = t;
-        self.input[1] = ahead * taken.h;
-        let step = self.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut self.step);
-        look(c, guards, step, (&taken.next, &mut self.input), Some(&self.before), &mut fit.seen);
-        hush(&fit.control, &fit.tops, &mut fit.seen, &self.numeric.events);
+        run.input[0] = t;
+        run.input[1] = ahead * taken.h;
+        let step = run.spare.as_mut().filter(|_| fit.spare).unwrap_or(&mut run.step);
+        look(c, guards, step, (&taken.next, &mut run.input), Some(&run.before), &mut fit.seen);
+        hush(&fit.control, &fit.tops, &mut fit.seen, &fit.numeric.events);
         self.branch();
     }
 }

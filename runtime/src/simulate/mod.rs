@@ -20,6 +20,7 @@ mod sampling;
 mod save;
 mod schedule;
 mod start;
+mod stepping;
 mod summary;
 mod trial;
 mod watched;

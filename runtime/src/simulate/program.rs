@@ -19,7 +19,7 @@ const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
 /// A length of time from the instant `t` on, without the digits that are rounding of that instant: rows that lie evenly
 /// leave lengths that differ by these alone. It depends on nothing that was done before, so that what is looked at
 /// changes no other number.
-pub(super) fn rounded_length(h: f64, t: f64) -> f64 {
+fn rounded_length(h: f64, t: f64) -> f64 {
     let last = 4.0 * f64::EPSILON * f64::from_bits(t.to_bits() & EXPONENT);
     if last > 0.0 && last <= 1e-6 * h { (h / last).round() * last } else { h }
 }
@@ -45,6 +45,12 @@ impl Ready {
         let kernel = backend.kernel(program);
         let work = kernel.workspace();
         Self { kernel, work, linear, tables: Vec::new(), lengths: Vec::new(), last: 0 }
+    }
+
+    /// The length that is stepped by for one from the instant `t` on: a stepper with tables has one table for all that
+    /// differ by rounding.
+    pub(super) fn length(&self, h: f64, t: f64) -> f64 {
+        if self.linear.is_some() { rounded_length(h, t) } else { h }
     }
 
     /// Makes the table for a step length, if the stepper needs one, and takes it from now on.

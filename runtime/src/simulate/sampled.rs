@@ -69,10 +69,7 @@ impl Simulation<'_> {
             let met = self.held[i][k].bar.map(|b| self.met(&self.scene.bars[b]));
             interval::cross(Real::new(), self.sampling(i), self.held_places(i, k), counted, met);
         }
-        let mut moved = std::mem::take(&mut self.moved[i]);
-        let result = self.runs[i].one(c, start, period, &mut moved);
-        self.moved[i] = moved;
-        result?;
+        self.runs[i].one(c, start, period, &mut self.moved[i])?;
         let layouts = self.scene.clusters.iter().zip(self.runs.iter().map(|run| &run.layout));
         interval::settle(Real::new(), self.sampling(i), i, &self.near[i], layouts);
         self.runs[i].watch(start + period);

@@ -4,9 +4,10 @@
 //! Workspaces and tables are not: the next run reads nothing of the first, and makes the second again.
 
 use super::cluster::Run;
-use super::controller::Control;
+use super::controller::{Control, Fit};
 use super::hold::{Held, Report};
 use super::input_signal::{ClusterInputs, InputSignal};
+use super::stepping::Stepping;
 use super::trial::{Taken, copy};
 use super::watched::Most;
 use super::{Error, Options, Simulation};
@@ -73,14 +74,8 @@ struct Part {
     base: f64,
     count: u64,
     h: f64,
-    /// Of adaptive steps: the controller, the next instant that is met, what moved through the integrals, and the
-    /// largest that guards were.
-    control: Option<Control>,
-    limit: f64,
-    through: Vec<f64>,
-    tops: Vec<f64>,
-    /// The first half of the step within which was looked last, where that was looked at from its end.
-    half: Option<Taken>,
+    /// Where its steps are fitted.
+    fit: Option<SavedFit>,
     largest: Vec<f64>,
     held: Vec<Held>,
     port_admittance: Vec<f64>,
@@ -88,6 +83,20 @@ struct Part {
     ar_coefficients: Vec<f64>,
     next: u64,
     moved: Vec<f64>,
+}
+
+/// What is written of fitted steps.
+#[derive(Serialize, Deserialize)]
+struct SavedFit {
+    control: Control,
+    /// The next instant that is met.
+    limit: f64,
+    /// What moved through the integrals.
+    through: Vec<f64>,
+    /// The largest that guards were.
+    tops: Vec<f64>,
+    /// The first half of the step within which was looked last, where that was looked at from its end.
+    half: Option<Taken>,
 }
 
 /// What the scene whose state was saved was made for.
@@ -122,7 +131,15 @@ impl Simulation<'_> {
     fn part(&self, i: usize) -> Part {
         let run = &self.runs[i];
         let fed = ClusterInputs::new(&self.scene.clusters[i], &self.given);
-        let (control, iterations) = run.kept();
+        let (fit, iterations) = match &self.stepping[i] {
+            Stepping::Fixed(_) => (None, run.iterations()),
+            Stepping::Fitted(fit) => {
+                let (control, iterations) = fit.kept(run.iterations());
+                let (through, tops) = (fit.moved.clone(), fit.tops.clone());
+                let half = (fit.shown == Some(self.time) && fit.midway).then(|| fit.half.clone());
+                (Some(SavedFit { control, limit: fit.limit, through, tops, half }), iterations)
+            }
+        };
         Part {
             state: run.state.clone(),
             input: run.input.clone(),
@@ -134,11 +151,7 @@ impl Simulation<'_> {
             base: run.base,
             count: run.count,
             h: run.h,
-            control,
-            limit: run.fit.as_ref().map_or(0.0, |f| f.limit),
-            through: run.fit.as_ref().map(|f| f.moved.clone()).unwrap_or_default(),
-            tops: run.fit.as_ref().map(|f| f.tops.clone()).unwrap_or_default(),
-            half: run.fit.as_ref().filter(|f| f.shown == Some(self.time) && f.midway).map(|f| f.half.clone()),
+            fit,
             largest: run.largest.clone(),
             held: self.held[i].clone(),
             port_admittance: self.port_admittance[i].clone(),
@@ -222,22 +235,13 @@ impl<'a> Simulation<'a> {
             Some(saved) if saved.alike(&signals) => run.signals = saved,
             Some(_) => return Err(Refused::Shape("the inputs")),
         }
-        let ahead = part.control.map_or(1.0, |k| k.ahead);
-        let positive = |x: f64| x.is_finite() && x > 0.0;
-        if !(positive(part.h) && part.base.is_finite() && positive(ahead) && part.limit.is_finite()) {
+        if !(positive(part.h) && part.base.is_finite()) {
             return Err(Refused::Shape("the steps"));
         }
-        if part.control.is_some() != run.fit.is_some() {
-            return Err(Refused::Shape("the steps"));
-        }
-        same("the integrals", &part.through, run.fit.as_ref().map_or(&[], |f| &f.moved))?;
-        same("the switches", &part.tops, run.fit.as_ref().map_or(&[], |f| &f.tops))?;
-        if let Some(half) = &part.half {
-            let Some(fit) = run.fit.as_ref().filter(|_| positive(half.h)) else {
-                return Err(Refused::Shape("the steps"));
-            };
-            same("the steps", &half.next, &fit.half.next)?;
-            same("the steps", &half.output, &fit.half.output)?;
+        match (&mut self.stepping[i], &part.fit) {
+            (Stepping::Fixed(_), None) => {}
+            (Stepping::Fitted(fit), Some(saved)) => saved.put(fit)?,
+            _ => return Err(Refused::Shape("the steps")),
         }
         part.fill(run);
         self.held[i] = part.held;
@@ -270,16 +274,35 @@ impl Part {
         run.base = self.base;
         run.count = self.count;
         run.h = self.h;
-        if let (Some(fit), Some(control)) = (&mut run.fit, self.control) {
-            fit.control = control;
-            fit.limit = self.limit;
-            fit.moved.copy_from_slice(&self.through);
-            fit.tops.copy_from_slice(&self.tops);
-            fit.midway = self.half.is_some();
-            self.half.iter().for_each(|half| copy(half, &mut fit.half));
-        }
         run.largest.copy_from_slice(&self.largest);
     }
+}
+
+impl SavedFit {
+    /// Gives fitted steps what is their own.
+    fn put(&self, fit: &mut Fit) -> Result<(), Refused> {
+        let half = self.half.as_ref().map_or(1.0, |half| half.h);
+        if !(positive(self.control.ahead) && positive(half) && self.limit.is_finite()) {
+            return Err(Refused::Shape("the steps"));
+        }
+        same("the integrals", &self.through, &fit.moved)?;
+        same("the switches", &self.tops, &fit.tops)?;
+        fit.midway = self.half.is_some();
+        if let Some(half) = &self.half {
+            same("the steps", &half.next, &fit.half.next)?;
+            same("the steps", &half.output, &fit.half.output)?;
+            copy(half, &mut fit.half);
+        }
+        fit.control = self.control;
+        fit.limit = self.limit;
+        fit.moved.copy_from_slice(&self.through);
+        fit.tops.copy_from_slice(&self.tops);
+        Ok(())
+    }
+}
+
+fn positive(x: f64) -> bool {
+    x.is_finite() && x > 0.0
 }
 
 /// Lists of one length.

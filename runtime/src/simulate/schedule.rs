@@ -7,6 +7,7 @@ use super::input_signal::InputSignal;
 use super::program::Look;
 use super::rate_transition::RateTransition;
 use super::sampling::Scratch;
+use super::stepping::Stepping;
 use super::{Error, Options};
 use crate::energy::interval;
 use crate::interpreter::Interpret;
@@ -27,6 +28,8 @@ pub struct Simulation<'a> {
     pub(super) scene: &'a Scene,
     pub(super) options: Options,
     pub(super) runs: Vec<Run>,
+    /// By cluster, how its steps are laid.
+    pub(super) stepping: Vec<Stepping>,
     /// By cluster, the ports it holds.
     pub(super) held: Vec<Vec<Held>>,
     /// By cluster, the matrix port_admittance of those ports, its likes for the intervals after, and the recurrence of
@@ -96,8 +99,9 @@ impl<'a> Simulation<'a> {
                 *place = signal;
             }
         }
-        let runs = scene.clusters.iter().enumerate();
-        let runs = runs.map(|c| Run::new(c, &given, (options, scene), backend)).collect::<Result<Vec<_>, _>>()?;
+        let clusters = scene.clusters.iter().enumerate();
+        let started = clusters.map(|c| Stepping::start(c, &given, (options, scene), backend));
+        let (runs, stepping) = started.collect::<Result<(Vec<_>, Vec<_>), _>>()?;
         let mut held: Vec<Vec<Held>> = vec![Vec::new(); n];
         for (i, c) in scene.clusters.iter().enumerate() {
             for &port in &c.holds {
@@ -126,6 +130,7 @@ impl<'a> Simulation<'a> {
             scene,
             options: options.clone(),
             runs,
+            stepping,
             port_admittance: vec![Vec::new(); n],
             delayed_response: vec![Vec::new(); n],
             ar_coefficients: vec![Vec::new(); n],
@@ -148,12 +153,6 @@ impl<'a> Simulation<'a> {
             held,
             block_execution: BlockExecution::new(backend.block_maker()),
         };
-        // What is driven at a port is driven from the instant on to which it was advanced.
-        for open in &scene.open {
-            if let Some(fit) = &mut s.runs[open.port.0].fit {
-                fit.driven = true;
-            }
-        }
         for i in s.order.clone() {
             s.measure_port_admittance(i);
         }
@@ -174,24 +173,24 @@ impl<'a> Simulation<'a> {
     /// Up to where steps are taken, s: what is looked at beyond lies within a fixed step, or within the period of a
     /// sampled region, whose step may fail yet. Fitted steps are tried before.
     pub fn settled(&self) -> f64 {
-        let settled = |i: usize| match self.scene.clusters[i].period {
-            Some(_) => self.own_time(i, self.time),
-            None if self.runs[i].fit.is_none() => self.runs[i].time(),
-            None => f64::INFINITY,
+        let settled = |i: usize| match (self.scene.clusters[i].period, &self.stepping[i]) {
+            (Some(_), _) => self.own_time(i, self.time),
+            (None, Stepping::Fixed(_)) => self.runs[i].time(),
+            (None, Stepping::Fitted(_)) => f64::INFINITY,
         };
         (0..self.runs.len()).map(settled).fold(self.time, f64::min)
     }
 
     /// The state of a cluster.
     pub fn state(&self, cluster: usize) -> &[f64] {
-        self.runs[cluster].state_at(self.time)
+        self.stepping[cluster].state_at(&self.runs[cluster], self.time)
     }
 
     /// Looks again at what lies within steps, as a run that was not interrupted has done.
     pub(super) fn look_again(&mut self) {
-        for (c, run) in self.scene.clusters.iter().zip(&mut self.runs).filter(|(_, run)| run.fit.is_some()) {
+        for ((c, run), stepping) in self.scene.clusters.iter().zip(&mut self.runs).zip(&mut self.stepping) {
             let input = run.input.clone();
-            let _ = run.look_at(c, self.time); // where it fails, whoever looks is told
+            let _ = stepping.look_at(run, c, self.time); // where it fails, whoever looks is told
             run.input = input;
         }
     }
@@ -238,24 +237,12 @@ impl<'a> Simulation<'a> {
             if let Some(end) = upcoming.filter(|_| self.connected[i])
                 && self.runs[i].time() <= self.last_sample * (1.0 + 1e-12)
             {
-                self.lay(i, end);
+                self.stepping[i].lay(&mut self.runs[i], end);
             }
-            let mut moved = std::mem::take(&mut self.moved[i]);
-            let result = self.runs[i].run_grid(c, until, &mut moved);
-            self.moved[i] = moved;
-            result?;
+            self.stepping[i].run_past(&mut self.runs[i], c, until, &mut self.moved[i])?;
         }
         self.time = self.time.max(until);
         Ok(())
-    }
-
-    /// Lays the steps of a continuous cluster from now to the next sample.
-    fn lay(&mut self, i: usize, end: f64) {
-        let c = &self.scene.clusters[i];
-        let now = self.runs[i].time();
-        let whole = c.step.linear.is_some() && c.step.properties.order == 0;
-        let wanted = self.runs[i].wanted().unwrap_or(if whole { end - now } else { self.runs[i].usual() });
-        self.runs[i].regrid(now, end, wanted);
     }
 
     /// Brings continuous clusters that a sample concerns to its instant.
@@ -266,12 +253,9 @@ impl<'a> Simulation<'a> {
                 continue;
             }
             if self.runs[i].time() <= self.last_sample * (1.0 + 1e-12) {
-                self.lay(i, at);
+                self.stepping[i].lay(&mut self.runs[i], at);
             }
-            let mut moved = std::mem::take(&mut self.moved[i]);
-            let result = self.runs[i].finish_at(c, at, &mut moved);
-            self.moved[i] = moved;
-            result?;
+            self.stepping[i].finish_at(&mut self.runs[i], c, at, &mut self.moved[i])?;
         }
         Ok(())
     }
@@ -357,7 +341,7 @@ impl<'a> Simulation<'a> {
         for k in 0..self.read.len() {
             let i = self.read[k];
             let t = if due[i] { at } else { self.own_time(i, at) };
-            self.runs[i].observe(&self.scene.clusters[i], t)?;
+            self.stepping[i].observe(&mut self.runs[i], &self.scene.clusters[i], t)?;
         }
         for (i, c) in self.scene.clusters.iter().enumerate() {
             if c.period.is_some() && !due[i] {
@@ -383,7 +367,7 @@ impl<'a> Simulation<'a> {
         for k in 0..self.probed.len() {
             let i = self.probed[k];
             let t = self.own_time(i, self.time);
-            self.runs[i].observe(&self.scene.clusters[i], t)?;
+            self.stepping[i].observe(&mut self.runs[i], &self.scene.clusters[i], t)?;
         }
         self.probe_input[0] = self.time;
         for (k, (cluster, output)) in self.scene.probes.gather.iter().enumerate() {
@@ -415,9 +399,7 @@ impl<'a> Simulation<'a> {
         for i in 0..self.runs.len() {
             let c = &self.scene.clusters[i];
             if c.period.is_none() {
-                let mut moved = std::mem::take(&mut self.moved[i]);
-                let result = self.runs[i].run_to(c, at, &mut moved);
-                self.moved[i] = moved;
+                let result = self.stepping[i].run_to(&mut self.runs[i], c, at, &mut self.moved[i]);
                 if result.is_err() {
                     return self.reached(since, result);
                 }
@@ -493,12 +475,12 @@ impl<'a> Simulation<'a> {
     /// If there is no such input.
     pub fn set_input(&mut self, input: usize, value: f64) {
         let now = self.time;
-        for (c, run) in self.scene.clusters.iter().zip(&mut self.runs) {
+        for ((c, run), stepping) in self.scene.clusters.iter().zip(&mut self.runs).zip(&mut self.stepping) {
             for k in (0..c.inputs.len()).filter(|k| c.inputs[*k] == input) {
                 // A sampled cluster looks at its next sample only.
                 let past = if c.period.is_some() { now } else { run.time() };
                 run.signals.set(k, now, value, past);
-                run.drop_plan();
+                stepping.drop_plan(run, c);
             }
         }
         self.given[input].set(now, value, now);

@@ -250,8 +250,8 @@ impl RegionSummary {
 impl Simulation<'_> {
     /// The ledger.
     pub fn summary(&self) -> Summary {
-        let runs = self.scene.clusters.iter().zip(&self.runs);
-        let ledgers: Vec<_> = runs.map(|(c, run)| run.ledger_at(c, self.time)).collect();
+        let runs = self.scene.clusters.iter().zip(&self.runs).zip(&self.stepping);
+        let ledgers: Vec<_> = runs.map(|((c, run), stepping)| stepping.ledger_at(run, c, self.time)).collect();
         let all = self.runs.iter().zip(&ledgers).flat_map(|(run, l)| run.layout.accounts.iter().map(|p| l.largest(p)));
         let largest = all.fold(0.0, f64::max);
         let found: Vec<_> = (0..self.scene.regions.len())
@@ -286,7 +286,7 @@ impl Simulation<'_> {
         let (p, e) = (&run.layout.accounts[k], &c.entries[k]);
         let d = p.detail.as_ref()?;
         let number = |at: Place| ledger.get(at);
-        let (control, newton_iterations) = run.kept();
+        let (control, newton_iterations) = self.stepping[region.cluster].kept(run);
         let list = |names: &[(String, usize)], sums: Place| {
             let energy = |(k, (name, _)): (usize, &(String, usize))| ElementEnergy {
                 name: name.clone(),
