@@ -246,7 +246,9 @@ fn leak(out: &mut String, r: &RegionSummary, scene: &Scene) -> std::fmt::Result 
     writeln!(out, "  {:11} {what}", "inside")?;
     let what = "more than a hundredth of H: the wall felt is not the wall written";
     let lagging = matches!(r.hold.as_deref(), Some("lagged" | "predicted"));
-    let fix = if lagging {
+    let fix = if r.steered.iter().any(|x| x.steering == Steering::Drawing) {
+        "a steered source returns no more than was put in; write the wall as a `C`, which stores that"
+    } else if lagging {
         "take `hold matched`, or sample faster"
     } else {
         "sample faster, or make it softer or more damped"

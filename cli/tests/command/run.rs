@@ -814,6 +814,24 @@ const STEERED: &str = "model Steered(K = 1000 N/m) {
 }
 ";
 
+/// A steered wall stores nothing, so the budget holds back what it calls for: the summary says how to write it.
+#[test]
+fn a_steered_wall_that_is_held_back_says_what_to_do() {
+    let text = "model Wall {
+  Se:hand = if t < 1 s then 2 N else 0 N
+  I:handle = 1 kg
+  R:own = 3 N*s/m
+  C:place { H = 0; q0 = 0 m }
+  sampled every 10 ms { Se:wall = -(1000 N/m)*place.q }
+  hand -> 1:v -> handle, own, place
+  wall ||> v
+  probe x = place.q
+  simulate { stop = 5 s }
+}";
+    let here = Folder::new().with("wall.bond", text);
+    here.bond(&["run", "wall.bond"]).is(0, &["returns no more than was put in; write the wall as a `C`"], &[]);
+}
+
 /// Steered sources stand beside the verdict, for people and for programs.
 #[test]
 fn steered_sources_are_listed() {
