@@ -1,9 +1,5 @@
 //! Pictures of lines, marks and text, as SVG and PNG.
 
-use crate::output;
-use crate::stop::Stop;
-use std::path::Path;
-
 /// Red, green, blue.
 pub type Colour = [u8; 3];
 
@@ -53,34 +49,11 @@ pub enum Mark {
 
 /// A format of pictures.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Format {
+pub enum PictureFormat {
     /// Lines as text.
     Svg,
     /// Points.
     Png,
-}
-
-/// The format that a file's name asks for.
-///
-/// # Errors
-/// Another ending, or a program without pictures.
-pub fn format(path: &Path) -> Result<Format, Stop> {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase());
-    let format = match ending.as_deref() {
-        Some("svg") => Format::Svg,
-        Some("png") => Format::Png,
-        _ => {
-            return Err(Stop::Usage(format!(
-                "{} is no picture that can be drawn; let its name end in .svg or .png",
-                path.display()
-            )));
-        }
-    };
-    if !cfg!(feature = "plot") {
-        return Err(Stop::Usage("this program was built without pictures; build it with the feature `plot`".into()));
-    }
-    output::whole(path)?;
-    Ok(format)
 }
 
 /// 10 to a power, as one writes it.
@@ -151,31 +124,29 @@ impl Drawing {
         self.list.push(Shape::Text { at, text: text.into(), size, colour, middle, up: true });
     }
 
-    /// Writes it to a file.
+    /// Its bytes, the same on every machine.
     ///
     /// # Errors
-    /// A file that cannot be written.
-    pub fn put(&self, path: &Path) -> Result<(), Stop> {
-        let bytes =
-            self.bytes(format(path)?).map_err(|e| Stop::Usage(format!("cannot draw {}: {e}", path.display())))?;
-        output::put_bytes(path, &bytes)
-    }
-
+    /// What cannot be drawn, in words.
     #[cfg(not(feature = "plot"))]
-    fn bytes(&self, _: Format) -> Result<Vec<u8>, String> {
+    pub fn bytes(&self, _: PictureFormat) -> Result<Vec<u8>, String> {
         let _ = (&self.size, &self.list);
         Err("pictures are not part of this program".into())
     }
 
+    /// Its bytes, the same on every machine.
+    ///
+    /// # Errors
+    /// What cannot be drawn, in words.
     #[cfg(feature = "plot")]
-    fn bytes(&self, format: Format) -> Result<Vec<u8>, String> {
+    pub fn bytes(&self, format: PictureFormat) -> Result<Vec<u8>, String> {
         use kuva::backend::{raster::RasterBackend, svg::SvgBackend};
         let mut scene = kuva::render::render::Scene::new(self.size.0, self.size.1);
         scene.font_family = Some("DejaVu Sans, Verdana, sans-serif".into());
         scene.elements = self.list.iter().map(Shape::primitive).collect();
         match format {
-            Format::Svg => Ok(SvgBackend::default().render_scene(&scene).into_bytes()),
-            Format::Png => RasterBackend::new().with_scale(2.0).render_scene(&scene),
+            PictureFormat::Svg => Ok(SvgBackend::default().render_scene(&scene).into_bytes()),
+            PictureFormat::Png => RasterBackend::new().with_scale(2.0).render_scene(&scene),
         }
     }
 }

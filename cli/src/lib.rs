@@ -49,6 +49,7 @@
 
 mod code;
 mod compile;
+mod draw;
 mod errors;
 pub mod exchange;
 mod failure;
@@ -77,6 +78,7 @@ pub use steps::Steps;
 pub mod internal {
     pub use crate::code::Code;
     pub use crate::compile::{CompiledInternals, OptionsInternals, TextInternals};
+    pub use crate::draw::{Anchor, BLACK, COLOURS, Colour, Drawing, GREY, Mark, PALE, PictureFormat, power};
     pub use crate::exchange::ExchangeInternals;
     pub use crate::failure::{failure, refusal};
     pub use crate::load::{CarriedTexts, FileLoader, ReadError, read, read_bytes, read_table};

@@ -10,7 +10,6 @@ mod commands;
 mod csv;
 mod diff;
 mod document;
-mod draw;
 mod drive;
 mod emit;
 mod ensemble;
@@ -23,6 +22,7 @@ mod output;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod pending;
+mod picture;
 mod plot;
 mod progress;
 mod reduce;

@@ -1,8 +1,9 @@
 //! Probes over time as a picture: a panel for each unit, one above the other.
 
-use crate::draw::{Anchor, BLACK, COLOURS, Drawing, GREY, Mark, PALE, power};
 use crate::pending::Sink;
+use crate::picture;
 use crate::stop::Stop;
+use bond::internal::{Anchor, BLACK, COLOURS, Drawing, GREY, Mark, PALE, power};
 use bond_runtime::scene::Probes;
 use std::path::PathBuf;
 
@@ -258,7 +259,7 @@ impl Sink for Plot {
     }
 
     fn commit(self) -> Result<(), Stop> {
-        self.drawing().put(&self.path)
+        picture::put(&self.drawing(), &self.path)
     }
 }
 

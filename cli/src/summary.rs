@@ -202,6 +202,10 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
             writeln!(out, "  {name:11} {} {unit}", short(x))?;
         }
     }
+    if r.releases > 0 {
+        let often = if r.releases == 1 { "once".into() } else { format!("{} times", r.releases) };
+        writeln!(out, "  {:11} {often} within an interval: what it had to give was drawn", "let go")?;
+    }
     if let Some(m) = r.modified {
         let (most, part) = (short(m.max_difference), short(m.relative));
         let grown = (m.energy_excess > 0.0).then(|| {
@@ -409,6 +413,7 @@ impl Serialize for Region<'_> {
         map.serialize_entry("leaked", &r.leaked)?;
         map.serialize_entry("leaks_much", &r.leaks_much)?;
         map.serialize_entry("debt_max", &r.debt_max)?;
+        map.serialize_entry("releases", &r.releases)?;
         map.serialize_entry("leaps", &r.leaps)?;
         map.serialize_entry("pseudo", &r.pseudo)?;
         if let Some(m) = r.modified {

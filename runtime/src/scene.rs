@@ -90,35 +90,7 @@ pub struct LeftOut {
     /// Signal states.
     pub states: Vec<String>,
 }
-
-/// So many holders go by one another's debts at most.
-const JOINED: usize = 16;
-
 impl Scene {
-    /// For each cluster the others that hold under a budget and that double bars join it to, across others too: none
-    /// where there are more than 16 in all.
-    pub fn near(&self) -> Vec<Vec<usize>> {
-        fn root(of: &mut [usize], mut i: usize) -> usize {
-            while of[i] != i {
-                of[i] = of[of[i]];
-                i = of[i];
-            }
-            i
-        }
-        let n = self.clusters.len();
-        let mut of: Vec<usize> = (0..n).collect();
-        for bar in &self.bars {
-            let (a, b) = (root(&mut of, bar.holder.0), root(&mut of, bar.other.0));
-            of[a.max(b)] = a.min(b);
-        }
-        let mut members: Vec<Vec<usize>> = vec![Vec::new(); n];
-        for (i, _) in self.clusters.iter().enumerate().filter(|(_, c)| c.budget && !c.holds.is_empty()) {
-            members[root(&mut of, i)].push(i);
-        }
-        members.iter_mut().filter(|list| list.len() > JOINED).for_each(Vec::clear);
-        (0..n).map(|i| members[root(&mut of, i)].iter().copied().filter(|j| *j != i).collect()).collect()
-    }
-
     /// Sampled clusters in the order in which they take a common sample: those of shorter periods first; of one period
     /// what answers before what holds for it, and else as they stand in the scene.
     pub fn order(&self) -> Vec<usize> {
@@ -303,6 +275,11 @@ impl Entries {
         (0..self.supplied.len()).filter(counts)
     }
 
+    /// Those of them that are no ports: what crosses a port at which another one holds is its own to count.
+    pub fn sources(&self) -> impl Iterator<Item = usize> {
+        self.own().filter(|i| !self.met.contains(i))
+    }
+
     /// Whether a steered source draws on the region's account.
     pub fn is_drawn_on(&self) -> bool {
         self.steered.iter().any(|s| s.1 == Steering::Drawing)
@@ -333,6 +310,8 @@ pub struct Entries {
     /// Which of `supplied` are ports that a sampled region holds: what crossed there is booked at the end of the
     /// interval.
     pub held: Vec<usize>,
+    /// Which of `supplied` are ports at which others hold for a sampled region.
+    pub met: Vec<usize>,
     /// Which of `supplied` are steered sources, whose values read the scene's own signals, and what that makes them.
     pub steered: Vec<(usize, Steering)>,
     /// The least that H can be, where there is such a level: what a sampled region has to give is counted from there.
@@ -501,6 +480,8 @@ pub struct Cluster {
     pub entries: Vec<Entries>,
     /// Whether its laws are linear.
     pub is_linear: bool,
+    /// The fastest that its states turn, rad/s, where its laws are linear: the largest imaginary part of an eigenvalue.
+    pub fastest_turn: f64,
     /// Shortest period of what swings by time alone, s.
     pub fastest_period: Option<f64>,
     /// Resistors whose laws jump where what they are given changes its sign: what they hold still has no solution.
@@ -557,6 +538,13 @@ pub struct Bar {
     pub other: (usize, usize),
     /// See above.
     pub sign: f64,
+}
+
+impl Bar {
+    /// Whether a flow is held, and the other side answers with an effort.
+    pub fn holds_flow(&self) -> bool {
+        self.sign < 0.0
+    }
 }
 
 /// An open port of the scene, held by a sampled cluster, or met by a continuous one.

@@ -45,7 +45,7 @@ fn a_ring_of_sampled_regions_keeps_its_order() {
     let exact = ends(None);
     let off = |period: f64| ends(Some(period)).iter().zip(exact).map(|(x, y)| (x - y).abs()).fold(0.0, f64::max);
     let [coarse, fine] = [off(0.05), off(0.0125)];
-    assert!(coarse < 0.02 && fine < coarse / 12.0, "{coarse} and {fine}");
+    assert!(coarse < 0.02 && fine < coarse / 8.0, "{coarse} and {fine}");
 }
 
 /// A mass that bounces about, with sampled springs and a sampled mass at three rates: which of them has a debt of 1e-18
@@ -113,10 +113,10 @@ fn rounding_of_an_own_source_makes_no_debt() {
     }
 }
 
-/// A wall far too stiff for its period has H go up and down by 1e13 J, and what crosses by some: that is not lost in
-/// the rounding of H.
+/// A wall far too stiff for its period has H go up and down by 1e13 J: what crosses is not lost in the rounding of H,
+/// nor is any of that given out.
 #[test]
-fn a_debt_is_not_lost_beside_what_holds_make() {
+fn what_crosses_is_not_lost_beside_what_holds_make() {
     let compiled = text(
         "model Wall {
   Se:push = 10.4 N * sin(3.19 rad/s * t)
@@ -132,7 +132,7 @@ fn a_debt_is_not_lost_beside_what_holds_make() {
     let summary = sim.summary();
     let wall = summary.regions.iter().find(|r| r.name == "s").expect("the wall has a ledger");
     assert_eq!(wall.supplied, summary.bars[0].holder);
-    assert!(!summary.passive && wall.debt_max > 1.0, "{summary:?}");
+    assert!(summary.passive && wall.h_max > 1e12 && wall.supplied > -1e-9, "{summary:?}");
 }
 
 /// Two clocks that differ by as much as is still taken for one.

@@ -284,7 +284,11 @@ fn pattern(k: u32, i: usize) -> f64 {
 }
 
 /// The same rows by [`simulate::Simulation`], until a step fails.
-fn simulated(compiled: &Compiled, u: &standalone::StandaloneModule, options: &simulate::Options) -> Vec<Vec<f64>> {
+fn simulated(
+    compiled: &Compiled,
+    u: &standalone::StandaloneModule,
+    options: &simulate::Options,
+) -> (Vec<Vec<f64>>, bool) {
     let scene = compiled.scene();
     let mut sim = simulate::Simulation::on(&Interpret, scene, options, Vec::new()).unwrap_or_else(|e| panic!("{e}"));
     let shown = compiled.probes().len();
@@ -312,20 +316,24 @@ fn simulated(compiled: &Compiled, u: &standalone::StandaloneModule, options: &si
         let Ok(probes) = sim.probes().map(<[f64]>::to_vec) else { break };
         let mut row = probes[..shown].to_vec();
         row.extend((0..scene.open.len()).map(|o| if ratio(o).is_some() { sim.held_at(o) } else { f64::NAN }));
-        row.push(sim.summary().regions.iter().map(|r| r.h_final).sum());
+        let regions = sim.summary().regions;
+        if regions.iter().any(|r| r.releases > 0) {
+            return (rows, true);
+        }
+        row.push(regions.iter().map(|r| r.h_final).sum());
         rows.push(row);
     }
-    rows
+    (rows, false)
 }
 
 /// Asserts that a scene's C, its object and its module do what the simulation does.
 fn same(name: &str, compiled: &Compiled, h: f64) -> Result<(), String> {
     let (u, options) = emit(compiled, h)?;
     let Emitted { c: rows, object, module } = emitted(compiled, &u);
-    let wanted = simulated(compiled, &u, &options);
-    assert!(rows.len() > 1 && wanted.len() > 1, "{name} has rows");
+    let (wanted, let_go) = simulated(compiled, &u, &options);
+    assert!(rows.len() > 1 && (let_go || wanted.len() > 1), "{name} has rows");
     // A step that fails is halved there, and ends the run here; the simulation's own failures end both.
-    assert!(rows.len() <= wanted.len(), "{name}: {} rows in C, {} here", rows.len(), wanted.len());
+    assert!(let_go || rows.len() <= wanted.len(), "{name}: {} rows in C, {} here", rows.len(), wanted.len());
     let ports = compiled.scene().open.len();
     if let Some((module, calls)) = &module {
         assert_eq!(module.len(), rows.len(), "{name}, rows of the module");
@@ -339,6 +347,7 @@ fn same(name: &str, compiled: &Compiled, h: f64) -> Result<(), String> {
             }
         }
     }
+    // A module does not let go within an interval: it is the same until then.
     for (k, (row, wanted)) in rows.iter().zip(&wanted).enumerate() {
         assert_eq!(row.len(), wanted.len(), "{name}, row {k}");
         let first_port = row.len() - 1 - ports;
@@ -659,7 +668,7 @@ fn periods_of_several_intervals_give_the_same_bits() {
 }";
     let compiled = with(Options::new(), text);
     let (u, options) = emit(&compiled, 2e-3).unwrap_or_else(|e| panic!("{e}"));
-    let (rows, wanted) = (emitted(&compiled, &u).c, simulated(&compiled, &u, &options));
+    let (rows, wanted) = (emitted(&compiled, &u).c, simulated(&compiled, &u, &options).0);
     assert!(rows.len() == wanted.len() && rows.len() > 100, "{} rows", rows.len());
     for (k, (row, wanted)) in rows.iter().zip(&wanted).enumerate() {
         assert_eq!(row[..3], wanted[..3], "row {k}");
@@ -744,7 +753,7 @@ fn iterations_of_many_unknowns_give_the_same_bits() {
                 assert!((a - b).abs() <= 1e-9 * b.abs() + 1e-12, "{name}: {a:e} {what}, {b:e}");
             }
         };
-        close(&rows, &simulated(&compiled, &u, &steps), "in C");
+        close(&rows, &simulated(&compiled, &u, &steps).0, "in C");
         module.iter().for_each(|(module, _)| close(module, &rows, "in the module"));
     }
 }
@@ -784,7 +793,7 @@ fn many_states_go_from_interval_to_interval() {
         assert!(u.late.iter().any(|l| l.state.len() >= 120), "{method}: {:?}", u.late);
         let name = format!("{method} by {h} s");
         same(&name, &compiled, h).unwrap_or_else(|e| panic!("{name}: {e}"));
-        assert_eq!(simulated(&compiled, &u, &options).len() <= ROWS as usize, method == "euler", "{name}");
+        assert_eq!(simulated(&compiled, &u, &options).0.len() <= ROWS as usize, method == "euler", "{name}");
     }
 }
 
@@ -819,7 +828,7 @@ fn lines_of_any_length() {
         let (u, steps) = emit(&compiled, 1e-2).unwrap_or_else(|e| panic!("{n}: {e}"));
         let Emitted { c: rows, object, module } = emitted(&compiled, &u);
         assert!(rows.len() > 1, "{n} unknowns");
-        assert_eq!(rows, simulated(&compiled, &u, &steps), "{n} unknowns");
+        assert_eq!(rows, simulated(&compiled, &u, &steps).0, "{n} unknowns");
         assert_eq!(rows, object, "{n} unknowns");
         module.into_iter().for_each(|(module, _)| assert_eq!(rows, module, "{n} unknowns"));
     }
@@ -959,7 +968,7 @@ fn a_held_flow_runs_into_the_scene() {
     }
 }
 
-/// Of 1 N and 1 m, single numbers keep three digits over thousands of intervals.
+/// Of 1 N and 1 m, single numbers keep three digits over thousands of intervals, and two where friction brings to rest.
 #[test]
 fn single_numbers_are_close() {
     if !is_there() {
@@ -981,7 +990,7 @@ fn single_numbers_are_close() {
   simulate { stop = 1 s }
 }";
     let wall = file(&models().join("examples/virtual_wall.bond"), Options::new().model("VirtualWall"));
-    for (compiled, h, least) in [(wall, 0.04, 1e-9), (with(Options::new(), friction), 1e-3, 0.0)] {
+    for (compiled, h, least, kept) in [(wall, 0.04, 1e-9, 1e-3), (with(Options::new(), friction), 1e-3, 0.0, 0.02)] {
         let (u, _) = emit(&compiled, h).unwrap_or_else(|e| panic!("{e}"));
         let here = built(&u, main);
         here.cc(&["-DBOND_FLOAT", "m.c", "main.c", "-lm", "-o", "short"]);
@@ -991,7 +1000,7 @@ fn single_numbers_are_close() {
         for j in 0..probes {
             let scale = long.iter().map(|r| r[j].abs()).fold(0.0, f64::max);
             let off = long.iter().zip(&short).map(|(a, b)| (a[j] - b[j]).abs()).fold(0.0, f64::max);
-            assert!(off < 1e-3 * scale, "{}: off by {off:e} of {scale:e}", compiled.probes()[j]);
+            assert!(off < kept * scale, "{}: off by {off:e} of {scale:e}", compiled.probes()[j]);
             assert!(off > 0.0 || scale == 0.0, "{}: single numbers are shorter", compiled.probes()[j]);
         }
         let worst = short.last().map_or(f64::NAN, |r| r[probes]);

@@ -238,8 +238,8 @@ fn sampled_regions_joined_directly_come_to_the_continuous_solution() {
 #[test]
 fn clocks_in_no_whole_ratio() {
     for (periods, leaks) in [
-        ([0.0, 7.0, 5.0], 1e-3),
-        ([5.0, 7.0, 0.0], 1e-3),
+        ([0.0, 7.0, 5.0], 1e-2),
+        ([5.0, 7.0, 0.0], 1e-2),
         ([3.0, 7.0, 3.0], 1e-3),
         ([1.0, 1.5, 0.0], 1e-4),
         ([1.0, 1.5, 2.0], 1e-3),
@@ -306,10 +306,10 @@ fn an_open_port_answers_to_what_it_is_told() {
     close(work.abs(), 0.2 + 30.0 * 0.03 * 0.02, 0.01, "work");
 }
 
-/// A debt is measured against what there was until then: what comes later excuses none. Nothing bounds it where the
-/// other side is as far from linear as this; sampled faster there is none.
+/// The other side is so far from linear that predictions say nothing of it: without the guard within the interval it
+/// was given 1.6e9 J of 3.8 J within four samples. Whatever the period is, it never has more than there was.
 #[test]
-fn a_debt_is_not_forgotten() {
+fn what_is_far_from_linear_gets_no_more() {
     let every = |period: &str| {
         text(&format!(
             "model M {{
@@ -317,34 +317,31 @@ fn a_debt_is_not_forgotten() {
   sampled every {period} {{ C:k {{ H = 1 N/m * q^2 + 0.25 N/m^3 * q^4; q0 = -1.5 m }} }}
   1:v -> m
   v ||> k
+  probe has = m.H
+  probe all = m.H + k.H
 }}"
         ))
     };
-    for (period, debt) in [("1 s", 1000.0..2000.0), ("0.25 s", 1.3..1.4)] {
+    for (period, lets_go) in [("1 s", true), ("0.25 s", true), ("0.1 s", false), ("0.05 s", false)] {
         let compiled = every(period);
         let mut sim = start(&compiled, Steps::new());
-        for end in [4.0, 20.0, 200.0] {
-            advance(&mut sim, end);
-            let summary = sim.summary();
-            let most = summary.regions.iter().map(|r| r.debt_max).fold(0.0, f64::max);
-            assert!(debt.contains(&most), "{period}, {end}: {most}");
-            assert!(summary.reasons.iter().any(|why| why.starts_with("`k` gave out")), "{end}: {summary:?}");
-            let stored: f64 = summary.regions.iter().map(|r| r.h_final).sum();
-            assert_eq!(stored > 1e9, period == "1 s" && end == 4.0, "{period}, {end}: {stored} J of 3.8 J");
+        let there = probe(&mut sim, "all");
+        for n in 1..=4000 {
+            advance(&mut sim, f64::from(n) * 0.05);
+            let has = probe(&mut sim, "has");
+            assert!(has <= there * (1.0 + 1e-9), "{period}: {has} J of {there} J");
         }
-    }
-    for period in ["0.1 s", "0.05 s"] {
-        let compiled = every(period);
-        let mut sim = start(&compiled, Steps::new());
-        advance(&mut sim, 200.0);
-        assert!(sim.summary().passive, "{period}: {:?}", sim.summary().reasons);
+        let summary = sim.summary();
+        assert!(summary.passive, "{period}: {:?}", summary.reasons);
+        let releases: u64 = summary.regions.iter().map(|r| r.releases).sum();
+        assert_eq!(releases > 0, lets_go, "{period}: {releases} times");
     }
 }
 
-/// A source of the sampled region's own keeps it in the debt that the first interval made, of which nothing is
-/// foretold: it is drawn by the spring all the same, and comes to the continuous motion as the period gets shorter.
+/// Of the first interval nothing is foretold, and a source of the sampled region's own takes back: it is drawn by the
+/// spring all the same, and comes to the continuous motion as the period gets shorter.
 #[test]
-fn debtors_of_the_first_interval() {
+fn the_first_interval_is_not_foretold() {
     let run = |joint: &str, block: &str, push: f64, damping: f64| {
         let compiled = text(&format!(
             "model Pushed {{
@@ -365,12 +362,10 @@ fn debtors_of_the_first_interval() {
         [(0.5, 10.0, [("1 ms", 1e-2), ("0.1 ms", 1e-3)]), (1.0, 1.0, [("20 ms", 0.05), ("2 ms", 5e-3)])]
     {
         let wanted = run("->", "if true", push, damping).0;
-        let mut last = 1.0;
         for (period, most) in periods {
             let (v, debt) = run("||>", &format!("sampled every {period}"), push, damping);
             assert!((v - wanted).abs() < most, "{period}: {v} and {wanted}");
-            assert!(debt < 0.03 * last, "{period}: a debt of {debt} J");
-            last = debt;
+            assert_eq!(debt, 0.0, "{period}");
         }
     }
 }
@@ -440,6 +435,9 @@ fn holders_of_one_body() {
             );
             let (x, regions) = run(period, &two, "v ||> s1 v ||> s2");
             assert_eq!(regions, 2);
+            if period > 1.0 {
+                continue; // they let go, and what follows is not the same any more
+            }
             close(x, wanted, 1e-6 * wanted.abs().max(1.0), &format!("{period}"));
         }
         if period <= 0.3 {
@@ -678,10 +676,10 @@ fn heat_crosses_a_bar() {
     }
 }
 
-/// What `passive` says, it says of samples: within an interval a held value has for a moment given the real side more
-/// than there is in all, and takes it back by the end.
+/// What `passive` says, it says of every instant: without the guard, a held value had for a moment given the real side
+/// 2.7 times what there is in all, and took it back by the end of the interval.
 #[test]
-fn within_an_interval_more_may_cross() {
+fn within_an_interval_no_more_crosses() {
     let compiled = text(
         "model Between {
            I:m { inertia = 1 kg; f0 = -0.159 m/s }
@@ -696,19 +694,12 @@ fn within_an_interval_more_may_cross() {
     );
     let mut sim = start(&compiled, Steps::new());
     let there = probe(&mut sim, "all");
-    let (mut between, mut at_samples) = (0.0f64, 0.0f64);
-    for n in 1..=600 {
-        advance(&mut sim, f64::from(n) * 0.01);
-        between = between.max(probe(&mut sim, "real"));
-        if n % 30 == 0 {
-            at_samples = at_samples.max(probe(&mut sim, "real"));
-        }
+    for n in 1..=6000 {
+        advance(&mut sim, f64::from(n) * 0.001);
+        let real = probe(&mut sim, "real");
+        assert!(real <= there * (1.0 + 1e-9), "{real} of {there} after {n} ms");
     }
     assert!(sim.summary().passive, "{:?}", sim.summary().reasons);
-    assert!(
-        (2.5..3.0).contains(&(between / there)) && at_samples <= there * (1.0 + 1e-9),
-        "{between}, {at_samples} of {there}"
-    );
 }
 
 /// A wall of k T^2 = 10 masses: its budget lets it give back what it was given, and there it rests, not where its

@@ -8,6 +8,7 @@ mod adaptive;
 mod allocation;
 mod backend;
 mod bounds;
+mod budget;
 mod causality;
 mod classics;
 mod debts;

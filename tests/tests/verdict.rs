@@ -292,9 +292,9 @@ fn places_that_say_nothing_are_refused() {
 /// A wall that is far too stiff shows an energy that nobody put in; a soft one does not.
 #[test]
 fn what_a_hold_adds_inside_is_told_apart() {
-    for (stiffness, much) in [("500000 N/m", true), ("100 N/m", false)] {
-        let sampled = "sampled every T { C:k { stiffness = K } }";
-        let compiled = text(&handle(sampled, "k -[bar]||> v").replace("K = 1000 N/m", &format!("K = {stiffness}")));
+    for (stiffness, hold, much) in [("30000 N/m", "hold lagged budget off", true), ("100 N/m", "", false)] {
+        let sampled = format!("sampled every T {hold} {{ C:k {{ stiffness = K }} }}");
+        let compiled = text(&handle(&sampled, "k -[bar]||> v").replace("K = 1000 N/m", &format!("K = {stiffness}")));
         let mut sim = start(&compiled, Steps::new());
         finish(&mut sim, 3.0);
         let summary = sim.summary();

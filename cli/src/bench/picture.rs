@@ -4,7 +4,7 @@ use super::Bench;
 use super::front::place;
 use super::point::Point;
 use super::setting::{Setting, time};
-use crate::draw::{Anchor, BLACK, COLOURS, Colour, Drawing, GREY, Mark, PALE, power};
+use bond::internal::{Anchor, BLACK, COLOURS, Colour, Drawing, GREY, Mark, PALE, power};
 
 /// Places in the picture, in points.
 struct Layout {

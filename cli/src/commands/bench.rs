@@ -5,7 +5,7 @@ use crate::bench::{self, Setup, Thresholds, Ways};
 use crate::input::{self, Set, Which};
 use crate::progress::Progress;
 use crate::stop::Stop;
-use crate::{draw, output, report};
+use crate::{output, picture, report};
 use bond::internal::{Code, CompiledInternals, StepsInternals};
 use bond::{Steps, Text};
 use bond_compiler::discretise::Method;
@@ -141,7 +141,7 @@ pub fn bench(args: &Args) -> Result<(), Stop> {
     let done =
         done.map_err(|why| Stop::Numerics(format!("no stepper gives a run to measure the others against: {why}")))?;
     // A table that was long in the making is there also where the picture cannot be drawn.
-    let drawn = args.plot.as_ref().map_or(Ok(()), |path| bench::picture(&done).put(path));
+    let drawn = args.plot.as_ref().map_or(Ok(()), |path| picture::put(&bench::picture(&done), path));
     let text = match args.format {
         Format::Text => bench::text(&done),
         Format::Json => {
@@ -172,7 +172,7 @@ fn within(steps: &[f64], stop: f64) -> Vec<f64> {
 /// Refuses places of results that cannot be.
 fn places(args: &Args) -> Result<(), Stop> {
     if let Some(path) = &args.plot {
-        draw::format(path)?;
+        picture::format(path)?;
     }
     let results = [("-o", args.output.as_deref()), ("--plot", args.plot.as_deref())];
     let results: Vec<_> = results.into_iter().filter_map(|(option, path)| Some((option, path?))).collect();

@@ -15,7 +15,7 @@ use crate::rows::{Grid, Rows};
 use crate::stop::Stop;
 use crate::summary::{self, Early, Outcome};
 use crate::table::{self, Table};
-use crate::{checkpoint, choose, draw, ensemble, output, report, signal};
+use crate::{checkpoint, choose, ensemble, output, picture, report, signal};
 use bond::internal::{Code, CompiledInternals, OptionsInternals, SimulationInternals, StepsInternals, failure};
 use bond::{RunError, Simulation, Steps, Summary, Text};
 use bond_compiler::discretise::{Accuracy, Method};
@@ -559,7 +559,7 @@ fn places(args: &How, model: Option<&Path>) -> Result<(), Stop> {
     if let Some(path) = &args.plot {
         output::place(path)?;
         output::not_over(path, &read)?;
-        draw::format(path)?;
+        picture::format(path)?;
     }
     let named =
         [("-o", &args.output), ("--plot", &args.plot), ("--ledger", &args.ledger), ("--checkpoint", &args.checkpoint)];

@@ -113,7 +113,7 @@ pub fn json(o: &Outcome) -> String {
     let region = |r: &bond::RegionSummary| {
         json!({
             "name": r.name, "H_initial": r.h_initial, "H_final": r.h_final, "supplied": r.supplied,
-            "dissipated": r.dissipated, "leaked": r.leaked, "debt_max": r.debt_max, "worst_step": r.worst_step,
+            "dissipated": r.dissipated, "leaked": r.leaked, "debt_max": r.debt_max, "releases": r.releases, "worst_step": r.worst_step,
         })
     };
     let value = json!({

@@ -10,9 +10,6 @@ use super::{
 use crate::ir::Unary;
 use crate::machine::{Machine, Number, Variable};
 
-/// What of the worst that a prediction was off by lately still counts after an interval: it is forgotten in some ten.
-const FORGET: f64 = 0.9;
-
 /// A sampled cluster and its places.
 #[derive(Clone, Copy)]
 pub struct Holder<'l> {
@@ -93,73 +90,37 @@ impl Holder<'_> {
         m.select(intervals.equals(zero), zero, some)
     }
 
-    /// What the predicted free response may be off by: what predictions were off by lately, and while they do not know
-    /// enough of the motion, the part of the last one that does not outlast an interval.
-    pub fn doubt<M: Machine, K: Responses<M>>(&self, m: M, k: K, port: usize) -> M::Number {
-        let h = &self.layout.held[port];
-        let off = k.load(h.off);
-        if k.ar_order(self.cluster, port) == Some(1) {
-            return off; // before the first interval, the free response is 0
-        }
-        let left = m.number(1.0) - self.ar(k, port, AR_ORDER);
-        let more = off + left * k.load(h.free_response).abs();
-        m.select(k.load(h.intervals).below(self.ar(k, port, AR_ORDER + 1)), more, off)
-    }
-
-    /// Looks what the last prediction was off by; `intervals` were over when it was made. Predictions count from so
-    /// many intervals on, for before they cannot know.
-    pub fn review<M: Machine, K: Responses<M>>(
-        &self,
-        m: M,
-        k: K,
-        port: usize,
-        (free_response, intervals): (M::Number, M::Number),
-    ) {
-        let h = &self.layout.held[port];
-        let last = m.number(FORGET) * k.load(h.off);
-        let error = (free_response - k.load(h.predicted)).abs();
-        let worse = self.ar(k, port, AR_ORDER + 2).below(intervals) & last.below(error);
-        k.store(h.off, m.select(worse, error, last));
-    }
-
     /// Ends an interval: what is known now of the other side of a port.
     pub fn learn<M: Machine, K: Responses<M>>(&self, m: M, k: K, port: usize) {
         let h = &self.layout.held[port];
         let free_response = k.load(h.q) + self.yielded_now(m, k, port);
-        self.review(m, k, port, (free_response, k.load(h.intervals)));
         note(m, k, h, free_response, k.load(h.v));
         k.store(h.last_q, k.load(h.q));
     }
 
-    /// Scales held variables down to the energy budget: to what the cluster has to give, and what its sources are
-    /// `foreseen` to put in, where each free response may be off by `doubt`; and to what it is trusted with. Bars of
-    /// temperature draw on its heat, all others on what it has to give as work.
+    /// Scales held variables down to the energy budget: by them the interval is predicted to give back no more than the
+    /// cluster has to give, and its sources are `foreseen` to put in. Bars of temperature draw on its heat, all others
+    /// on what it has to give as work.
     pub fn within_budget<M: Machine, K: Responses<M>>(
         &self,
         m: M,
         k: K,
         v: &mut [M::Number],
-        (free_response, doubt): (&[M::Number], &[M::Number]),
+        free_response: &[M::Number],
         foreseen: M::Number,
     ) {
         let thermal = |i: usize| self.layout.held[i].is_thermal;
         if (0..v.len()).any(thermal) {
             let heat = positive(m, interval::heat(m, k, self.layout));
-            self.keep_within(m, k, v, (free_response, None), heat, &thermal);
-            self.keep_within(m, k, v, (free_response, Some(doubt)), m.number(2.0) * heat, &thermal);
+            self.keep_within(m, k, v, free_response, heat, &thermal);
         }
         let stored = interval::stored(m, k, self.layout);
         let room = stored - interval::noise(m, k, self.layout) + positive(m, foreseen);
-        let room = positive(m, room);
-        let work = |i: usize| !thermal(i);
-        self.keep_within(m, k, v, (free_response, None), room, &work);
-        self.keep_within(m, k, v, (free_response, Some(doubt)), m.number(2.0) * room, &work);
-        self.restrain(m, k, v, (free_response, doubt), interval::balance(m, k, self.layout));
+        self.keep_within(m, k, v, free_response, positive(m, room), &|i| !thermal(i));
     }
 
     /// Scales the held variables that are `chosen` down until the energy that the interval is predicted to give back by
-    /// them is at most `room`, and be each free response off by `doubt` of what it is predicted to be, against what is
-    /// held.
+    /// them is at most `room`.
     ///
     /// The energy in is v (a - Y v), concave along the ray of v, and 0 at its start.
     fn keep_within<M: Machine, K: Responses<M>>(
@@ -167,16 +128,13 @@ impl Holder<'_> {
         m: M,
         k: K,
         v: &mut [M::Number],
-        (free_response, doubt): (&[M::Number], Option<&[M::Number]>),
+        free_response: &[M::Number],
         room: M::Number,
         chosen: &dyn Fn(usize) -> bool,
     ) {
         let nothing = m.number(-0.0);
         let picked = || (0..v.len()).filter(|i| chosen(*i));
         let mut a = picked().fold(nothing, |sum, i| sum + v[i] * free_response[i]);
-        if let Some(doubt) = doubt {
-            a = a - picked().fold(nothing, |sum, i| sum + v[i].abs() * doubt[i]);
-        }
         // What the others hold moves these ports, too.
         for (i, j) in picked().flat_map(|i| (0..v.len()).filter(|j| !chosen(*j)).map(move |j| (i, j))) {
             a = a - v[i] * k.response(self.cluster, PortAdmittance, i * v.len() + j) * v[j];
@@ -190,38 +148,6 @@ impl Holder<'_> {
         });
         let part = part.get();
         v.iter_mut().enumerate().filter(|(i, _)| chosen(*i)).for_each(|(_, v)| *v = *v * part);
-    }
-
-    /// In debt, or distrusted, scales held variables down until no more is at risk than was repaid since the debt was
-    /// largest (or is stored besides), or than is trusted: of what they put at risk, W(s) = s u + s^2 b at s times
-    /// them, where `doubt` is what each free response may be off by.
-    fn restrain<M: Machine, K: Responses<M>>(
-        &self,
-        m: M,
-        k: K,
-        v: &mut [M::Number],
-        (free_response, doubt): (&[M::Number], &[M::Number]),
-        stored: M::Number,
-    ) {
-        let (p, zero, one) = (&self.layout.passivity, m.number(0.0), m.number(1.0));
-        let sizes = v.iter().zip(free_response).zip(doubt);
-        let u = sizes.fold(m.number(-0.0), |sum, ((v, a), d)| sum + v.abs() * (a.abs() + *d));
-        let b = positive(m, self.given_way(m, k, v, &|_| true));
-        let all = u + b;
-        k.store(p.risk, all);
-        k.raise(m, p.most, all);
-        let part = m.holding(one);
-        m.only(stored.below(zero) | k.load(p.energy_margin).below(one), || {
-            let (trusted, repaid) = (k.load(p.energy_margin) * all, k.load(p.peak) + stored);
-            let most = larger(m, trusted, repaid);
-            m.only(most.below(all), || {
-                let length = root(u * u + m.number(4.0) * b * most);
-                part.set(fraction(m, m.number(2.0) * most / (u + length)));
-                k.store(p.risk, most);
-            });
-        });
-        let part = part.get();
-        v.iter_mut().for_each(|v| *v = *v * part);
     }
 
     /// What the other side gives way by itself to what is `chosen`, v Y v.

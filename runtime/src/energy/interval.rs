@@ -1,14 +1,13 @@
-//! What the end of an interval does to the accounts of a sampled cluster, and to what it is trusted with.
+//! What the end of an interval does to the accounts of a sampled cluster.
 
-use super::{AccountPlaces, HeldPlaces, Layout, Memory, Place, account, larger, positive, smaller};
+use super::{AbsorbedPlaces, AccountPlaces, HeldPlaces, Layout, Memory, Place, account, larger, positive, smaller};
+use crate::ir::Unary;
 use crate::machine::{Machine, Number};
 use crate::scene::{Cluster, Entries};
 
-/// How much less a debtor may put at risk after it lost all that it risked: 1 in one more than this.
-const MARGIN_PENALTY: f64 = 16.0;
-/// A loss, or a debt, of less than this part of the most that an interval ever risked, or that crossed and was put in,
-/// is rounding, and counts as none.
-const LOSS: f64 = 1e-12;
+/// What a region may draw beyond what it has to give, once, as a part of the largest energy that was ever at stake: so
+/// much of a sum of many intervals is rounding.
+const SLACK: f64 = 1e-12;
 /// Beside this part of the scene's largest energy a debt counts, where the region's own are smaller: what crosses from
 /// there has the rounding of that.
 const BESIDE: f64 = 1e-2;
@@ -29,13 +28,12 @@ pub fn cross<M: Machine, K: Memory<M>>(m: M, k: K, h: &HeldPlaces, counted: bool
     }
 }
 
-/// Books what crossed in the place of what the step's own effort would have let in, what that leaves in the tanks, and
-/// what that does to what the cluster is trusted with. `near` are those that it is joined to.
+/// Books what crossed in the place of what the step's own effort would have let in, and what that leaves in the tanks
+/// of the `i`-th of the clusters.
 pub fn settle<'s, M: Machine, K: Memory<M>>(
     m: M,
     k: K,
     i: usize,
-    near: &[usize],
     clusters: impl Iterator<Item = (&'s Cluster, &'s Layout)> + Clone,
 ) {
     let Some((c, l)) = clusters.clone().nth(i) else { return };
@@ -47,15 +45,26 @@ pub fn settle<'s, M: Machine, K: Memory<M>>(
         return;
     }
     share(m, k, c, l);
+    let zero = m.number(0.0);
+    for (n, there) in [stored(m, k, l), heat(m, k, l)].into_iter().enumerate() {
+        for sum in l.accounts.iter().filter_map(|p| p.absorbed).map(|at| at.sums.plus(n)) {
+            k.store(sum, m.select(there.below(zero), k.load(sum), zero));
+        }
+    }
     for p in &l.accounts {
         let stored = k.load(p.stored);
-        k.raise(m, p.debt_max, owed(m, k, p));
+        k.raise(m, p.debt_max, owed(m, k, l, p));
         if let Some(d) = &p.detail {
             k.raise(m, d.stored_max, stored);
         }
     }
-    k.raise(m, l.passivity.most, turned);
-    control(m, k, l, near, clusters);
+    k.raise(m, l.stake.most, turned);
+    k.raise(m, l.stake.most, balance(m, k, l));
+    if l.accounts.iter().any(|p| p.detail.is_some()) {
+        // What is reported has the rounding of what it is the difference of.
+        let owing = (balance(m, k, l) + slack(m, k, l) + noise(m, k, l)).below(m.number(0.0));
+        m.only(owing & is_short(m, k, l), || note_relative_debt(m, k, l, clusters));
+    }
 }
 
 /// The same of one region. Adds to the magnitudes of what crossed and sources put in.
@@ -104,13 +113,16 @@ fn settle_account<M: Machine, K: Memory<M>>(
     if e.is_driven() {
         stored = stored + own;
     }
+    if let Some(at) = p.absorbed {
+        absorb(m, k, e, at);
+    }
     if let Some(w) = &p.work {
         k.store(w.heat, k.load(w.heat) + heat + warmed);
     }
     if l.accounts.len() == 1 && !e.is_drawn_on() {
         let mut most = k.load(energy(p)) + cap(m, k, e, p);
         // What was promised is not let go; several regions have no open ports.
-        if let Some(reserve) = l.passivity.reserve {
+        if let Some(reserve) = l.stake.reserve {
             most = larger(m, most, k.load(reserve));
         }
         keep(m, k, p, stored, smaller(m, stored, most));
@@ -118,6 +130,30 @@ fn settle_account<M: Machine, K: Memory<M>>(
         k.store(p.stored, stored);
     }
     turned
+}
+
+/// Books what a region's own sources took back in the interval: of what it was to have from them when it let go, or of
+/// nothing.
+fn absorb<M: Machine, K: Memory<M>>(m: M, k: K, e: &Entries, at: AbsorbedPlaces) {
+    let zero = m.number(0.0);
+    for (n, is_heat) in [false, true].into_iter().enumerate() {
+        let warms = |i: &usize| e.work.as_ref().is_some_and(|w| w.heats.contains(i));
+        let own = e.sources().filter(|i| warms(i) == is_heat);
+        let own = own.fold(m.number(-0.0), |sum, i| sum + k.output(e.supplied[i].1));
+        let counted_on = at.counted_on.plus(n);
+        k.add(at.sums.plus(n), larger(m, own, k.load(counted_on)) - own);
+        k.store(counted_on, zero);
+    }
+}
+
+/// Books that what a step gave out at a port that it meets, J, did not cross as far as this: it is lost inside.
+pub fn keep_back<M: Machine, K: Memory<M>>(_: M, k: K, p: &AccountPlaces, (energy, is_heat): (M::Number, bool)) {
+    k.gather(p.supplied, energy);
+    k.gather(p.leaked, -energy);
+    match p.work.filter(|_| is_heat) {
+        Some(w) => k.add(w.heat, energy),
+        None => k.add(p.stored, energy),
+    }
 }
 
 /// Replaces what there is to give. What is no longer there as work became heat.
@@ -187,57 +223,6 @@ fn share<M: Machine, K: Memory<M>>(m: M, k: K, c: &Cluster, l: &Layout) {
     });
 }
 
-/// The passivity controller: what a debt, or a loss while there is one, takes from what may be put at risk, here and at
-/// those near.
-fn control<'s, M: Machine, K: Memory<M>>(
-    m: M,
-    k: K,
-    l: &Layout,
-    near: &[usize],
-    clusters: impl Iterator<Item = (&'s Cluster, &'s Layout)> + Clone,
-) {
-    let (zero, one) = (m.number(0.0), m.number(1.0));
-    let p = &l.passivity;
-    let near = || near.iter().filter_map(|j| clusters.clone().nth(*j)).map(|(_, l)| l);
-    let clear = |l: &Layout| (-balance(m, k, l)).at_most(m.number(LOSS) * k.load(l.passivity.most));
-    let others = near().fold(m.known(true), |all, l| all & clear(l));
-    let easy = k.load(p.peak).equals(zero) & k.load(p.energy_margin).equals(one);
-    let free = clear(l) & (easy | others);
-    let freed = || {
-        k.store(p.peak, zero);
-        k.store(p.energy_margin, one);
-    };
-    let owing = || {
-        note_relative_debt(m, k, l, clusters.clone());
-        let debt = -balance(m, k, l);
-        let crossed = l.held.iter().fold(m.number(-0.0), |sum, h| sum + k.load(h.crossed));
-        let lost = smaller(m, -crossed, debt);
-        m.only((m.number(LOSS) * k.load(p.most)).below(lost), || {
-            let part = smaller(m, one, lost / k.load(p.risk));
-            let cost = one + m.number(MARGIN_PENALTY) * part;
-            k.store(p.energy_margin, k.load(p.energy_margin) / cost);
-            // What it gave out, the others may lose too.
-            for other in near() {
-                let margin = other.passivity.energy_margin;
-                k.store(margin, k.load(margin) / cost);
-            }
-        });
-        k.raise(m, p.peak, debt);
-    };
-    // Neither leaves anything around it.
-    let _ = m.branch(
-        free,
-        || {
-            freed();
-            Ok(())
-        },
-        || {
-            owing();
-            Ok(())
-        },
-    );
-}
-
 /// Notes what debts are beside the energies that there were until now: what comes later excuses none.
 fn note_relative_debt<'s, M: Machine, K: Memory<M>>(
     m: M,
@@ -245,9 +230,6 @@ fn note_relative_debt<'s, M: Machine, K: Memory<M>>(
     l: &Layout,
     clusters: impl Iterator<Item = (&'s Cluster, &'s Layout)>,
 ) {
-    if l.accounts.iter().all(|p| p.detail.is_none()) {
-        return;
-    }
     let mut largest = m.number(0.0);
     for (c, l) in clusters {
         for p in &l.accounts {
@@ -261,10 +243,26 @@ fn note_relative_debt<'s, M: Machine, K: Memory<M>>(
     }
     let beside = m.number(BESIDE) * largest;
     for (p, d) in l.accounts.iter().filter_map(|p| Some((p, p.detail.as_ref()?))) {
-        let own = [k.load(d.stored_max), k.sum(p.supplied).abs(), k.load(d.crossed_max)];
+        let own = [k.load(d.stored_max), k.sum(p.supplied).abs(), k.load(d.crossed_max), k.load(l.stake.most)];
         let scale = own.into_iter().fold(beside, |most, x| larger(m, most, x));
-        k.raise(m, d.relative_debt, owed(m, k, p) / scale);
+        k.raise(m, d.relative_debt, owed(m, k, l, p) / scale);
     }
+}
+
+/// The least that W may be within a step, from its values at both ends and its rates there, per step: that at its end,
+/// or where the cubic through them dips in between, as far below both ends again as the cubic: so much that one may
+/// miss.
+pub fn least_between<M: Machine>(m: M, [x, f, y, g]: [M::Number; 4]) -> M::Number {
+    let (zero, two, three) = (m.number(0.0), m.number(2.0), m.number(3.0));
+    // The rate is f + 2 b u + 3 c u². Of its roots one is where it turns to rise.
+    let rise = y - x;
+    let (b, c) = (three * rise - two * f - g, f + g - two * rise);
+    let root = positive(m, b * b - three * c * f).unary(Unary::Sqrt);
+    let u = m.select(zero.below(b), -f / (b + root), (root - b) / (three * c));
+    let u = m.select(zero.below(u) & u.below(m.number(1.0)), u, m.number(0.5));
+    let least = x + u * (f + u * (b + u * c));
+    let ends = smaller(m, x, y);
+    m.select(f.below(zero) & zero.below(g), least - (ends - least), y)
 }
 
 /// What a cluster has to give; 0 where it has no account.
@@ -272,10 +270,24 @@ pub fn stored<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Number {
     l.accounts.iter().fold(m.number(-0.0), |sum, p| sum + k.load(p.stored))
 }
 
-/// What a region drew and was not given, as work or as heat; below 0 where it has something to give of both.
-fn owed<M: Machine, K: Memory<M>>(m: M, k: K, p: &AccountPlaces) -> M::Number {
-    let work = -k.load(p.stored);
-    p.work.map_or(work, |w| larger(m, work, -k.load(w.heat)))
+/// What its bars drew from a region that it was not given, as work or as heat, and no more than from all that it holds
+/// together with; below 0 where it has something to give of both.
+fn owed<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout, p: &AccountPlaces) -> M::Number {
+    let one = |p: &AccountPlaces| {
+        let absorbed = |n: usize| p.absorbed.map_or(m.number(0.0), |at| k.load(at.sums.plus(n)));
+        let heat = p.work.map(|w| -k.load(w.heat) - absorbed(1));
+        (-k.load(p.stored) - absorbed(0), heat)
+    };
+    let (mut work, mut heat) = one(p);
+    if l.accounts.len() > 1 {
+        let all = l.accounts.iter().map(one);
+        let (together, warm) = all.fold((m.number(-0.0), m.number(-0.0)), |(sum, warm), (work, heat)| {
+            (sum + work, heat.map_or(warm, |x| warm + x))
+        });
+        work = smaller(m, work, together);
+        heat = heat.map(|x| smaller(m, x, warm));
+    }
+    heat.map_or(work, |x| larger(m, work, x))
 }
 
 /// The lesser of what a cluster has to give as work and as heat: below 0 where it is in debt.
@@ -285,8 +297,32 @@ pub(super) fn balance<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Nu
 }
 
 /// What a cluster has to give as heat; 0 where it has none.
-pub(super) fn heat<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Number {
+pub fn heat<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Number {
     l.accounts.iter().filter_map(|p| p.work).fold(m.number(-0.0), |sum, w| sum + k.load(w.heat))
+}
+
+/// The most that may be drawn within an interval as work, and as heat: what there is to give, what its own sources put
+/// in, and the slack. From a region that owes, nothing may be drawn.
+pub fn rooms<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout, own: [M::Number; 2]) -> [M::Number; 2] {
+    let slack = slack(m, k, l);
+    let [work, warm] = own.map(|x| positive(m, x));
+    [stored(m, k, l) + work, heat(m, k, l) + warm].map(|there| positive(m, there + slack))
+}
+
+/// Whether more was drawn than there was to give, beyond the slack: as work or as heat.
+pub fn is_short<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Condition {
+    let absorbed = |n: usize| {
+        let places = l.accounts.iter().filter_map(|p| p.absorbed);
+        places.fold(m.number(0.0), |sum, at| sum + k.load(at.sums.plus(n)))
+    };
+    let (slack, zero) = (slack(m, k, l), m.number(0.0));
+    let [work, warm] = [stored(m, k, l) + absorbed(0), heat(m, k, l) + absorbed(1)];
+    (work + slack).below(zero) | (warm + slack).below(zero)
+}
+
+/// What may be drawn beyond what there is to give, in all.
+pub fn slack<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Number {
+    m.number(SLACK) * k.load(l.stake.most)
 }
 
 /// What of that is rounding.
@@ -300,6 +336,17 @@ mod tests {
     use super::*;
     use crate::machine::Real;
     use std::cell::Cell;
+
+    /// (u - 1/2)² and u³ - u + 1, of which the least is at 1/sqrt(3), and what rises throughout.
+    #[test]
+    fn the_least_within_a_step() {
+        let twice = |least: f64, ends: f64| least - (ends - least);
+        let wanted = [twice(0.0, 0.25), twice(1.0 - 2.0 / (3.0 * 3f64.sqrt()), 1.0), 3.0];
+        let cases = [[0.25, -1.0, 0.25, 1.0], [1.0, -1.0, 1.0, 2.0], [1.0, 2.0, 3.0, 2.0]];
+        for (case, wanted) in cases.into_iter().zip(wanted) {
+            assert!((least_between(Real::new(), case) - wanted).abs() < 1e-15, "{case:?}");
+        }
+    }
 
     /// The holder counts by what it held, the other side by what it met.
     #[test]
@@ -317,10 +364,8 @@ mod tests {
             last_q: at(3),
             free_response: at(4),
             before: at(9),
-            predicted: at(14),
-            off: at(15),
-            intervals: at(16),
-            crossed: at(17),
+            intervals: at(14),
+            crossed: at(15),
             counts: Some(counts),
         };
         ledger.set(h.v, 2.0);

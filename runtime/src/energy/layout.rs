@@ -6,8 +6,8 @@ use crate::scene::{Cluster, Entries};
 /// side can swing.
 pub const AR_ORDER: usize = 4;
 /// Numbers per port that predict its free response: the weights of the free responses before, what is left of a motion
-/// after one interval, how many of the weights count, and after how many intervals the error of a prediction counts.
-pub const AR_COEFFICIENTS: usize = AR_ORDER + 3;
+/// after one interval, and how many of the weights count.
+pub const AR_COEFFICIENTS: usize = AR_ORDER + 2;
 
 /// The place of a number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -87,8 +87,19 @@ pub struct AccountPlaces {
     pub h_least: Place,
     /// Where heat is stored, or held for others: `stored` then is what may be drawn as work.
     pub work: Option<WorkPlaces>,
+    /// Where it has sources of its own: what they took back since there last was something to give.
+    pub absorbed: Option<AbsorbedPlaces>,
     /// What a run keeps besides, and a stand-alone module does not.
     pub detail: Option<DetailPlaces>,
+}
+
+/// Places of what a region's own sources took back: as work, and as heat. It is no debt of its bars.
+#[derive(Clone, Copy, Debug)]
+pub struct AbsorbedPlaces {
+    /// Since there last was something to give, two numbers.
+    pub sums: Place,
+    /// What they had put in when it let go within the interval that runs, two numbers.
+    pub counted_on: Place,
 }
 
 /// Places of what of a region's energy may be drawn as work, and of the rest.
@@ -162,10 +173,6 @@ pub struct HeldPlaces {
     pub free_response: Place,
     /// What was held in them.
     pub before: Place,
-    /// What the free response of the interval that runs is predicted to be.
-    pub predicted: Place,
-    /// What predictions were off by at most lately.
-    pub off: Place,
     /// How many intervals are over.
     pub intervals: Place,
     /// Energy that crossed in the interval that ended last.
@@ -185,20 +192,13 @@ pub struct CountPlaces {
     pub difference: Place,
 }
 
-/// Places of what a sampled cluster still puts at risk where it is in debt, or lost something while another that it is
-/// joined to was.
+/// Places of what was at stake in a sampled cluster, and what is promised to an outside.
 #[derive(Clone, Debug)]
-pub struct PassivityPlaces {
-    /// The largest debt since there was none, its own or another's, J.
-    pub peak: Place,
-    /// The part of what could be risked that is: less after each loss, its own or another's, in proportion to it; 1
-    /// where nobody is in debt.
-    pub energy_margin: Place,
-    /// What the interval that runs could lose, J, were the other side to move against what is held as fast as it is
-    /// predicted to move at all.
-    pub risk: Place,
-    /// The most that it ever was, or that crossed and sources put in in an interval, by magnitude, J.
+pub struct StakePlaces {
+    /// The largest energy that it had to give, or that crossed and sources put in in an interval, by magnitude, J.
     pub most: Place,
+    /// How often it let go of what it held within an interval; of a run alone.
+    pub releases: Option<Place>,
     /// What its tank keeps for an outside that was promised it, J; of a run alone.
     pub reserve: Option<Place>,
 }
@@ -212,8 +212,8 @@ pub struct Layout {
     pub logs: usize,
     /// One per port that it holds.
     pub held: Vec<HeldPlaces>,
-    /// See [`PassivityPlaces`].
-    pub passivity: PassivityPlaces,
+    /// See [`StakePlaces`].
+    pub stake: StakePlaces,
     /// One per region.
     pub accounts: Vec<AccountPlaces>,
 }
@@ -268,6 +268,7 @@ impl Taking {
                 least: self.take(1),
                 heat: self.take(1),
             }),
+            absorbed: e.sources().next().map(|_| AbsorbedPlaces { sums: self.take(2), counted_on: self.take(2) }),
             detail,
         }
     }
@@ -300,8 +301,6 @@ impl Taking {
             last_q: self.take(1),
             free_response: self.take(AR_ORDER + 1),
             before: self.take(AR_ORDER + 1),
-            predicted: self.take(1),
-            off: self.take(1),
             intervals: self.take(1),
             crossed: self.take(1),
             counts: self.detail.then(|| CountPlaces {
@@ -319,21 +318,18 @@ impl Layout {
     pub fn new(cluster: usize, c: &Cluster, detail: bool) -> Self {
         let mut taking = Taking { cluster, size: 0, logs: 0, detail };
         let held = c.holds.iter().map(|port| taking.held(c, *port)).collect();
-        let passivity = PassivityPlaces {
-            peak: taking.take(1),
-            energy_margin: taking.take(1),
-            risk: taking.take(1),
+        let stake = StakePlaces {
             most: taking.take(1),
+            releases: detail.then(|| taking.take(1)),
             reserve: detail.then(|| taking.take(1)),
         };
         let accounts = c.entries.iter().map(|e| taking.account(c, e)).collect();
-        Self { size: taking.size, logs: taking.logs, held, passivity, accounts }
+        Self { size: taking.size, logs: taking.logs, held, stake, accounts }
     }
 
     /// The block of a cluster whose regions start with these energies, J.
     pub fn start(&self, c: &Cluster, energies: impl IntoIterator<Item = f64>) -> Vec<f64> {
         let mut block = vec![0.0; self.size];
-        block[self.passivity.energy_margin.at] = 1.0;
         for ((p, e), h) in self.accounts.iter().zip(&c.entries).zip(energies) {
             let numbers = [
                 (p.h, h),

@@ -27,6 +27,12 @@ impl Ledger {
         self.numbers.len() == other.numbers.len() && self.errors.borrow().len() == other.errors.borrow().len()
     }
 
+    /// Becomes as another of its layout is.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        self.numbers.clone_from(&other.numbers);
+        self.errors.get_mut().clone_from(&other.errors.borrow());
+    }
+
     /// The number at a place.
     #[inline]
     pub(crate) fn get(&self, at: Place) -> f64 {

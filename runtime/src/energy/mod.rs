@@ -14,8 +14,8 @@ mod ledger;
 mod worst;
 
 pub use layout::{
-    ACCOUNT, AR_COEFFICIENTS, AR_ORDER, AccountPlaces, CountPlaces, DetailPlaces, ErrorPlaces, HeldPlaces, Layout,
-    PassivityPlaces, Place, WorkPlaces,
+    ACCOUNT, AR_COEFFICIENTS, AR_ORDER, AbsorbedPlaces, AccountPlaces, CountPlaces, DetailPlaces, ErrorPlaces,
+    HeldPlaces, Layout, Place, StakePlaces, WorkPlaces,
 };
 pub(crate) use ledger::{Booking, Ledger};
 pub(crate) use worst::Worst;

@@ -6,7 +6,7 @@
 
 use super::Error;
 use super::attempt::Attempt;
-use super::cluster::{advance_ports, book_step};
+use super::cluster::{Run, advance_ports, book_step};
 use super::controller::{Accepted, Control, Plan, exp, log};
 use super::stepping::Fitted;
 use crate::kernel::Failure;
@@ -41,6 +41,27 @@ impl Fitted<'_> {
         if let Some(plan) = self.fit.plan.take() {
             (self.fit.control, self.run.step.work.newton_iterations) = plan.before;
         }
+    }
+
+    /// Takes one step, none beyond `end`; whether it ends there.
+    pub(super) fn step_towards(&mut self, end: f64, moved: &mut [f64]) -> Result<bool, Error> {
+        let is_left = |run: &Run| end - run.time() > SAME * end.abs();
+        if is_left(self.run) {
+            let mut plan = match self.fit.plan.filter(|_| !self.fit.driven) {
+                Some(plan) => plan,
+                None => self.plan(Some(end).filter(|_| self.fit.driven))?,
+            };
+            if plan.end - end > SAME * end.abs() {
+                self.drop_plan();
+                plan = self.plan(Some(end))?;
+            }
+            self.keep(plan, moved)?;
+        }
+        let is_last = !is_left(self.run);
+        if is_last {
+            (self.run.base, self.run.count) = (end, 0);
+        }
+        Ok(is_last)
     }
 
     /// Runs to `end` exactly.

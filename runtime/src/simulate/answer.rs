@@ -53,7 +53,7 @@ impl Simulation<'_> {
         let mut delayed_response = vec![0.0; AR_ORDER * n * n];
         let mut ar_coefficients = vec![0.0; AR_COEFFICIENTS * n];
         for r in ar_coefficients.chunks_mut(AR_COEFFICIENTS) {
-            (r[0], r[AR_ORDER], r[AR_ORDER + 1], r[AR_ORDER + 2]) = (1.0, 1.0, 1.0, 1.0);
+            (r[0], r[AR_ORDER], r[AR_ORDER + 1]) = (1.0, 1.0, 1.0);
         }
         let mut others: Vec<usize> =
             self.held[i].iter().filter_map(|h| h.bar).map(|b| self.scene.bars[b].other.0).collect();
@@ -310,7 +310,7 @@ fn recurrence(answers: &[f64], fits: f64) -> [f64; AR_COEFFICIENTS] {
     let left = if first == 0.0 { 1.0 } else { second / first };
     let left = if left.is_finite() { left.clamp(0.0, 1.0) } else { 1.0 };
     let mut one = [0.0; AR_COEFFICIENTS];
-    (one[0], one[AR_ORDER], one[AR_ORDER + 1], one[AR_ORDER + 2]) = (left, left, 1.0, 1.0);
+    (one[0], one[AR_ORDER], one[AR_ORDER + 1]) = (left, left, 1.0);
     let size = answers.iter().fold(0.0f64, |m, x| m.max(x.abs()));
     let obeys = |rule: &[f64; AR_COEFFICIENTS]| {
         let order = rule[AR_ORDER + 1] as usize;
@@ -326,15 +326,11 @@ fn recurrence(answers: &[f64], fits: f64) -> [f64; AR_COEFFICIENTS] {
         .filter(|order| answers.len() > 2 * order)
         .find_map(|order| {
             let mut rule = one;
-            (rule[AR_ORDER + 1], rule[AR_ORDER + 2]) = (order as f64, order as f64);
+            rule[AR_ORDER + 1] = order as f64;
             weights(answers, &mut rule[..order])?;
             obeys(&rule).then_some(rule)
         })
-        .unwrap_or_else(|| {
-            // Its predictions are no good: all of them count.
-            one[AR_ORDER + 2] = -1.0;
-            one
-        })
+        .unwrap_or(one)
 }
 
 /// Solves for the weights that give the first answers each from those before; None where they leave them open.

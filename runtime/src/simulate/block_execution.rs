@@ -9,8 +9,10 @@ use crate::energy::Place;
 
 /// Fewer intervals than this are not worth copying the state.
 pub(super) const LEAST: u64 = 4;
-/// After so many blocks that failed, no more are tried: the intervals of a block that fails are run twice.
-pub(super) const FAILED: u32 = 50;
+/// After so many blocks that failed, no more are tried where they go on for fewer intervals than [`WORTH`] each: the
+/// one that fails is run twice.
+pub(super) const FAILED: u64 = 50;
+const WORTH: u64 = 8;
 /// Notes that a block may leave.
 pub(super) const NOTES: u64 = 8192;
 
@@ -26,18 +28,10 @@ impl Simulation<'_> {
             held: self.held[i]
                 .iter()
                 .zip(&self.runs[i].layout.held)
-                .map(|(h, p)| StartHeld {
-                    port: p.port,
-                    bar: h.bar,
-                    open: h.open,
-                    value: number(i, p.v),
-                    predicted: number(i, p.predicted),
-                })
+                .map(|(h, p)| StartHeld { port: p.port, bar: h.bar, open: h.open, value: number(i, p.v) })
                 .collect(),
             port_admittance: self.port_admittance[i].clone(),
             delayed_response: self.delayed_response[i].clone(),
-            risk: number(i, self.runs[i].layout.passivity.risk),
-            most: number(i, self.runs[i].layout.passivity.most),
             ar_coefficients: self.ar_coefficients[i].clone(),
         };
         Start {
@@ -66,39 +60,43 @@ impl Simulation<'_> {
         wanted
     }
 
-    /// Goes as far towards an instant as can be gone at once; nowhere where something lies between.
-    pub(super) fn run_blocks(&mut self, until: f64) {
+    /// Goes as far towards an instant as can be gone at once; nowhere where something lies between. Whether an interval
+    /// has to be gone step by step, after which that can be tried again.
+    pub(super) fn run_blocks(&mut self, until: f64) -> bool {
         let none = self.block_execution.maker.is_none() && self.block_execution.routine.is_none();
         // What is drawn within a block is not seen.
-        if none || !self.scene.watched.is_empty() {
-            return;
+        if none || !self.scene.watched.is_empty() || self.looks_within() {
+            return false;
         }
         let wanted = self.reach(until);
         if wanted < LEAST {
-            return;
+            return false;
         }
         if let Some(maker) = &self.block_execution.maker {
             self.block_execution.missed += wanted;
             if self.block_execution.missed < maker.worth {
-                return;
+                return false;
             }
             let made = (maker.make)(self.scene, &self.options, &self.start());
             self.block_execution.maker = None;
             self.block_execution.routine = made.filter(|s| self.alike(s.places()));
-            let Some(routine) = &self.block_execution.routine else { return };
+            let Some(routine) = &self.block_execution.routine else { return false };
             let places = routine.places();
             let each = places.notes().max(1);
             self.block_execution.longest = (NOTES / each).max(1);
             self.block_execution.notes = vec![0.0; 4 * (self.block_execution.longest * each) as usize];
             self.block_execution.block.clone_from(&places.image);
         }
-        let Some(mut routine) = self.block_execution.routine.take() else { return };
+        let Some(mut routine) = self.block_execution.routine.take() else { return false };
+        let failed = self.block_execution.failed;
         if self.ready(routine.places()) {
             self.go(routine.as_mut(), wanted);
         }
-        if self.block_execution.failed < FAILED {
+        let BlockExecution { failed: now, gone, .. } = self.block_execution;
+        if now < FAILED || gone >= WORTH * now {
             self.block_execution.routine = Some(routine);
         }
+        now > failed
     }
 
     /// How many intervals are over.
@@ -140,7 +138,7 @@ impl Simulation<'_> {
 
     /// Goes on by a routine.
     fn go(&mut self, routine: &mut dyn BlockRoutine, mut wanted: u64) {
-        let BlockExecution { mut block, mut notes, longest, mut failed, .. } =
+        let BlockExecution { mut block, mut notes, longest, mut failed, gone: mut done, .. } =
             std::mem::take(&mut self.block_execution);
         if self.load(routine.places(), &mut block) {
             while wanted > 0 {
@@ -149,6 +147,7 @@ impl Simulation<'_> {
                 self.take_notes(routine.places(), &notes[..4 * noted]);
                 self.passed(routine.places(), gone);
                 wanted -= part;
+                done += gone;
                 if gone < part {
                     failed += 1;
                     break;
@@ -156,7 +155,8 @@ impl Simulation<'_> {
             }
             self.fetch(routine.places(), &block);
         }
-        self.block_execution = BlockExecution { block, notes, longest, failed, ..BlockExecution::default() };
+        self.block_execution =
+            BlockExecution { block, notes, longest, failed, gone: done, ..BlockExecution::default() };
     }
 
     /// Puts the run's state into the block; false where a step cannot be prepared.

@@ -94,8 +94,9 @@ pub(super) struct BlockExecution {
     pub(super) notes: Vec<f64>,
     /// Most intervals of a block.
     pub(super) longest: u64,
-    /// Blocks that failed.
-    pub(super) failed: u32,
+    /// Blocks that failed, and intervals that were gone through by blocks.
+    pub(super) failed: u64,
+    pub(super) gone: u64,
 }
 
 impl BlockExecution {

@@ -1,5 +1,6 @@
 //! When sampled clusters sample, and what is handed over between clocks.
 
+use super::cluster::Run;
 use super::rate_transition::SAME;
 use super::sampling::Sampling;
 use super::schedule::Simulation;
@@ -52,13 +53,12 @@ impl Simulation<'_> {
         for a in 0..self.held[i].len() {
             let Some(bar) = self.held[i][a].bar.map(|b| &self.scene.bars[b]) else { continue };
             let response = self.holder(i).yielded_now(Real::new(), self.sampling(i), a);
-            let (met, since) = (self.met(bar), self.since(bar.other.0));
+            let since = self.since(bar.other.0);
             let h = &mut self.held[i][a];
             let ahead = h.rate * since;
             let more = ahead - std::mem::replace(&mut h.ahead, ahead);
             let q = std::mem::take(&mut h.got) + more;
             let (p, ledger) = (self.held_places(i, a), &self.runs[i].ledger);
-            ledger.set(p.w, ledger.get(p.w) + met * more);
             ledger.set(p.q, ledger.get(p.q) + q);
             hold::note(Real::new(), self.sampling(i), p, part * q + response, ledger.get(p.v));
         }
@@ -99,7 +99,12 @@ impl Simulation<'_> {
 
     /// What the free response is predicted to be over all of the interval that begins: interval by interval of the
     /// clock, on a copy of what is known.
-    pub(super) fn predict_ahead(&self, i: usize, free_response: &mut Vec<f64>, ahead: &mut Vec<Cell<f64>>) {
+    pub(super) fn predict_ahead(
+        &self,
+        i: usize,
+        (free_response, predicted): (&mut Vec<f64>, &mut Vec<f64>),
+        ahead: &mut Vec<Cell<f64>>,
+    ) {
         let (n, next) = (self.held[i].len(), self.next[i]);
         free_response.resize(n, 0.0);
         ahead.clear();
@@ -108,30 +113,20 @@ impl Simulation<'_> {
         let (m, trial) = (Real::new(), Sampling { own: ahead, ..self.sampling(i) });
         for number in p.number(next)..p.number(next + 1) {
             let part = self.length(p.clock, number) / p.step;
-            for (k, places) in self.holder(i).layout.held.iter().enumerate() {
-                ahead[places.predicted.at].set(self.holder(i).predicted(m, trial, k));
-            }
-            for (sum, places) in free_response.iter_mut().zip(&self.holder(i).layout.held) {
-                let predicted = ahead[places.predicted.at].get();
+            predicted.clear();
+            predicted.extend((0..n).map(|k| self.holder(i).predicted(m, trial, k)));
+            let ports = free_response.iter_mut().zip(&*predicted).zip(&self.holder(i).layout.held);
+            for ((sum, predicted), places) in ports {
                 // What will be held is not known yet: its effect is in the port admittance.
                 *sum += part * predicted;
-                hold::note(m, trial, places, predicted, 0.0);
+                hold::note(m, trial, places, *predicted, 0.0);
             }
         }
     }
 
-    /// Looks what the prediction of an interval that is over was off by, and begins another.
-    pub(super) fn review_transition(&mut self, i: usize) {
-        let last = self.next[i] - 1;
-        let Some(p) = &self.transitions[i] else { return };
-        let count = (p.number(last + 1) - p.number(last)) as f64;
-        let (m, sampling, holder) = (Real::new(), self.sampling_after(i, last), self.holder(i));
-        for (k, places) in holder.layout.held.iter().enumerate() {
-            let ledger = &self.runs[i].ledger;
-            let q = ledger.get(places.q);
-            let free_response = q + holder.yielded_now(m, sampling, k);
-            holder.review(m, sampling, k, (free_response, (ledger.get(places.intervals) - count).max(0.0)));
-            ledger.set(places.last_q, q);
-        }
+    /// Notes how far the other sides moved in an interval that is over.
+    pub(super) fn note_answers(&self, i: usize) {
+        let Run { layout, ledger, .. } = &self.runs[i];
+        layout.held.iter().for_each(|p| ledger.set(p.last_q, ledger.get(p.q)));
     }
 }

@@ -176,9 +176,6 @@ impl Run {
 
     /// One step, kept.
     pub(super) fn one(&mut self, c: &Cluster, t: f64, h: f64, moved: &mut [f64]) -> Result<(), Error> {
-        if c.period.is_some() {
-            return self.split(c, t, h, moved, 0);
-        }
         let end = t + h;
         let (mut at, mut rest) = (t, h);
         loop {
@@ -270,6 +267,18 @@ impl Run {
             self.split(c, t, half, moved, depth + 1)?;
             return self.split(c, t + half, half, moved, depth + 1);
         }
+        self.keep_step(c, t, h, moved)
+    }
+
+    /// A step of a sampled cluster, into the workspace.
+    pub(super) fn try_whole(&mut self, c: &Cluster, t: f64, h: f64) -> Result<(), Error> {
+        self.prepare(c, h)?;
+        (self.input[0], self.input[1]) = (t, h);
+        self.try_step(c, 0).map_err(|why| self.failure(c, t, why))
+    }
+
+    /// Books the step in the workspace, and keeps it.
+    pub(super) fn keep_step(&mut self, c: &Cluster, t: f64, h: f64, moved: &mut [f64]) -> Result<(), Error> {
         if let Err(what) = book_step(&self.ledger, &self.layout, c, &self.step.work.output) {
             return Err(self.unsound(c, (t + h, &self.step.work.next), &what));
         }

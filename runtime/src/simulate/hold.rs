@@ -2,10 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What an interval of which nothing was predicted could lose, J: what it does lose says nothing of predictions, and
-/// costs no energy margin.
-pub(super) const UNTOLD: f64 = f64::INFINITY;
-
 /// What the outside tells of an open port's interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
@@ -32,4 +28,14 @@ pub(super) struct Held {
     pub(super) rate: f64,
     /// Nothing was heard of the interval that ended: what is held stays.
     pub(super) silent: bool,
+    /// What was held at the start of the interval that runs, where that was let go within it.
+    pub(super) let_go: Option<LetGo>,
+}
+
+/// What was held until it was let go within an interval.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) struct LetGo {
+    pub(super) value: f64,
+    /// The part of the interval for which it was held.
+    pub(super) lasted: f64,
 }

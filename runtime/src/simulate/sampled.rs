@@ -2,12 +2,12 @@
 
 use super::Error;
 use super::cluster::Run;
-use super::hold::{Held, UNTOLD};
+use super::hold::{Held, LetGo};
 use super::rate_transition::port_admittance_of;
 use super::sampling::{Sampling, Scratch};
 use super::schedule::Simulation;
-use crate::energy::hold::Holder;
-use crate::energy::{AR_ORDER, HeldPlaces, interval};
+use crate::energy::hold::{self, Holder};
+use crate::energy::{AR_ORDER, HeldPlaces, Memory, interval};
 use crate::kernel::Failure;
 use crate::machine::Real;
 use crate::scene::Entries;
@@ -54,7 +54,7 @@ impl Simulation<'_> {
         let (start, period) = (self.instant(i, last), self.length(i, last));
         let rate = 1.0 / period;
         for k in 0..self.held[i].len() {
-            let mut counted = self.latches(&self.held[i][k]);
+            let mut counted = self.latches(&self.held[i][k]) || self.held[i][k].let_go.is_some();
             let run = &mut self.runs[i];
             let (h, p) = (&mut self.held[i][k], &run.layout.held[k]);
             if let Some(report) = h.open.map(|o| self.open[o]) {
@@ -69,12 +69,12 @@ impl Simulation<'_> {
             let met = self.held[i][k].bar.map(|b| self.met(&self.scene.bars[b]));
             interval::cross(Real::new(), self.sampling(i), self.held_places(i, k), counted, met);
         }
-        self.runs[i].one(c, start, period, &mut self.moved[i])?;
+        self.step_sampled(i, (start, period))?;
         let layouts = self.scene.clusters.iter().zip(self.runs.iter().map(|run| &run.layout));
-        interval::settle(Real::new(), self.sampling(i), i, &self.near[i], layouts);
+        interval::settle(Real::new(), self.sampling(i), i, layouts);
         self.runs[i].watch(start + period);
         if self.transitions[i].is_some() {
-            self.review_transition(i);
+            self.note_answers(i);
         } else {
             (0..self.held[i].len()).for_each(|k| self.learn(i, k));
         }
@@ -82,6 +82,7 @@ impl Simulation<'_> {
             self.runs[i].ledger.set(p.q, 0.0);
             self.runs[i].ledger.set(p.w, 0.0);
         }
+        self.held[i].iter_mut().for_each(|h| h.let_go = None);
         Ok(())
     }
 
@@ -93,6 +94,13 @@ impl Simulation<'_> {
             return;
         }
         let (sampling, holder) = (self.sampling(i), self.holder(i));
+        if let Some(LetGo { value, lasted }) = self.held[i][k].let_go {
+            let p = self.held_places(i, k);
+            let free_response = self.runs[i].ledger.get(p.q) + self.yielded_to_pulses(i, k);
+            hold::note(Real::new(), sampling, p, free_response, lasted * value);
+            sampling.store(p.last_q, sampling.load(p.q));
+            return;
+        }
         if gap == 0 {
             holder.learn(Real::new(), sampling, k);
             return;
@@ -109,6 +117,20 @@ impl Simulation<'_> {
         ledger.set(p.intervals, ledger.get(p.intervals) + 1.0);
     }
 
+    /// How far the other sides gave way at a held port to what was held for a part of the interval. What was held for x
+    /// of it, and all of it at x = 1, has moved them by `(Y - D/2) x + D/2 x²`: by D they move on in the interval
+    /// after, which is 0 of a damper, and 2 Y of a mass.
+    fn yielded_to_pulses(&self, i: usize, k: usize) -> f64 {
+        let (n, admittances, later) = (self.held[i].len(), &self.port_admittance[i], &self.delayed_response[i]);
+        let held = self.held[i].iter().zip(&self.runs[i].layout.held).enumerate();
+        held.map(|(j, (h, p))| {
+            let (value, x) = h.let_go.map_or((self.runs[i].ledger.get(p.v), 1.0), |h| (h.value, h.lasted));
+            let (yields, on) = (admittances[k * n + j], 0.5 * later[k * n + j]);
+            ((yields - on) * x + on * (2.0 * x - x * x)) * value
+        })
+        .sum()
+    }
+
     /// Begins an interval: finds what to hold, and latches what others hold.
     pub(super) fn respond(&mut self, i: usize, at: f64, scratch: &mut Scratch) -> Result<(), Error> {
         let c = &self.scene.clusters[i];
@@ -122,14 +144,14 @@ impl Simulation<'_> {
         }
         let Some(respond) = &c.respond else { return Ok(()) };
         let n = self.held[i].len();
-        let Scratch { free_response, doubt, values, q, ahead, .. } = scratch;
+        let Scratch { free_response, values, q, ahead, .. } = scratch;
         free_response.clear();
         match &self.transitions[i] {
             None => {
                 let predicted = |k| self.holder(i).predicted(Real::new(), self.sampling(i), k);
                 free_response.extend((0..n).map(predicted));
             }
-            Some(_) => self.predict_ahead(i, free_response, ahead),
+            Some(_) => self.predict_ahead(i, (free_response, q), ahead),
         }
         let input = &mut self.respond_input[i];
         let base = self.runs[i].input.len();
@@ -184,20 +206,11 @@ impl Simulation<'_> {
             });
         }
         if c.budget {
-            let (m, sampling, holder) = (Real::new(), self.sampling_after(i, next), self.holder(i));
-            doubt.clear();
-            doubt.extend((0..n).map(|k| holder.doubt(m, sampling, k)));
-            holder.within_budget(m, sampling, values, (free_response, doubt), foreseen);
-            let Run { layout, ledger, .. } = &self.runs[i];
-            // Once; where others hold for the same, each would have its own.
-            let first = layout.held.iter().all(|p| ledger.get(p.intervals) == 0.0);
-            if first && foreseen > 0.0 && self.near[i].is_empty() {
-                ledger.set(layout.passivity.risk, UNTOLD);
-            }
+            let sampling = self.sampling_after(i, next);
+            self.holder(i).within_budget(Real::new(), sampling, values, free_response, foreseen);
         }
-        for (k, (v, free_response)) in values.iter().copied().zip(free_response.iter()).enumerate() {
+        for (k, v) in values.iter().copied().enumerate() {
             let (h, Run { layout, ledger, .. }) = (&mut self.held[i][k], &self.runs[i]);
-            ledger.set(layout.held[k].predicted, *free_response);
             if std::mem::take(&mut h.silent) {
                 continue;
             }

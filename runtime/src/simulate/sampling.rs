@@ -13,7 +13,6 @@ pub(super) struct Scratch {
     /// The same, by cluster.
     pub(super) is_due: Vec<bool>,
     pub(super) free_response: Vec<f64>,
-    pub(super) doubt: Vec<f64>,
     pub(super) ahead: Vec<Cell<f64>>,
     pub(super) values: Vec<f64>,
     pub(super) q: Vec<f64>,
@@ -27,7 +26,6 @@ impl Scratch {
             due: Vec::with_capacity(clusters),
             is_due: vec![false; clusters],
             free_response: room(),
-            doubt: room(),
             ahead: Vec::new(),
             values: room(),
             q: room(),

@@ -4,6 +4,8 @@ use super::block_routine::BlockExecution;
 use super::cluster::Run;
 use super::hold::{Held, Report};
 use super::input_signal::InputSignal;
+use super::joined::Joined;
+use super::kept::Before;
 use super::program::Look;
 use super::rate_transition::RateTransition;
 use super::sampling::Scratch;
@@ -37,8 +39,6 @@ pub struct Simulation<'a> {
     pub(super) port_admittance: Vec<Vec<f64>>,
     pub(super) delayed_response: Vec<Vec<f64>>,
     pub(super) ar_coefficients: Vec<Vec<f64>>,
-    /// What [`Scene::near`] says.
-    pub(super) near: Vec<Vec<usize>>,
     /// By cluster, the clock that it goes by, if not its own.
     pub(super) transitions: Vec<Option<RateTransition>>,
     /// By cluster, the next sample's number.
@@ -47,6 +47,17 @@ pub struct Simulation<'a> {
     pub(super) order: Vec<usize>,
     /// By cluster, whether samples of others concern it.
     pub(super) connected: Vec<bool>,
+    /// Continuous clusters that meet a budget within the interval, and by cluster whether it is one of them.
+    pub(super) joined: Vec<Joined>,
+    is_joined: Vec<bool>,
+    /// Room for what a sampled cluster meets, and what there was before steps that may have to be taken again.
+    pub(super) latched: Vec<f64>,
+    pub(super) before: Before,
+    /// By cluster and port, which part of what is held for it its last step met, and which part of what the step gave
+    /// out was answered.
+    pub(super) parts: Vec<Vec<[f64; 2]>>,
+    /// By cluster, whether it may give no more than it has at the instant that is: it did when nobody was limited.
+    pub(super) limited: Vec<bool>,
     pub(super) moved: Vec<Vec<f64>>,
     probes: Option<Look>,
     probe_input: Vec<f64>,
@@ -134,11 +145,16 @@ impl<'a> Simulation<'a> {
             port_admittance: vec![Vec::new(); n],
             delayed_response: vec![Vec::new(); n],
             ar_coefficients: vec![Vec::new(); n],
-            near: scene.near(),
             transitions: RateTransition::all(scene),
             next: vec![0; n],
             order: scene.order(),
             connected,
+            joined: Joined::all(scene),
+            is_joined: vec![false; n],
+            before: Before::of(scene),
+            limited: vec![false; n],
+            parts: scene.clusters.iter().map(|c| vec![[1.0; 2]; c.ports.len()]).collect(),
+            latched: Vec::with_capacity(scene.clusters.iter().map(|c| c.ports.len()).max().unwrap_or(0)),
             moved: scene.clusters.iter().map(|c| vec![0.0; c.ports.len()]).collect(),
             probes: scene.probes.program.as_ref().map(|p| Look::new(p, backend)),
             probe_input: vec![0.0; 1 + scene.probes.gather.len() + scene.probes.inputs.len()],
@@ -153,6 +169,7 @@ impl<'a> Simulation<'a> {
             held,
             block_execution: BlockExecution::new(backend.block_maker()),
         };
+        s.joined.iter().flat_map(Joined::clusters).for_each(|i| s.is_joined[i] = true);
         for i in s.order.clone() {
             s.measure_port_admittance(i);
         }
@@ -222,15 +239,18 @@ impl<'a> Simulation<'a> {
     }
 
     fn run_on(&mut self, until: f64) -> Result<(), Error> {
-        self.run_blocks(until);
+        let mut failed = self.run_blocks(until);
         while let Some(at) = self.next_sample().filter(|at| *at <= until * (1.0 + 1e-12)) {
             self.meet(at)?;
             self.sample(at)?;
+            if failed {
+                failed = self.run_blocks(until);
+            }
         }
         let upcoming = self.next_sample();
         for i in 0..self.runs.len() {
             let c = &self.scene.clusters[i];
-            if c.period.is_some() {
+            if c.period.is_some() || self.is_joined[i] {
                 continue;
             }
             // Steps of a cluster that samples concern are laid between two samples.
@@ -241,6 +261,9 @@ impl<'a> Simulation<'a> {
             }
             self.stepping[i].run_past(&mut self.runs[i], c, until, &mut self.moved[i])?;
         }
+        if let Some(end) = upcoming {
+            (0..self.joined.len()).try_for_each(|g| self.run_joined(g, until, end))?;
+        }
         self.time = self.time.max(until);
         Ok(())
     }
@@ -249,7 +272,7 @@ impl<'a> Simulation<'a> {
     fn meet(&mut self, at: f64) -> Result<(), Error> {
         for i in 0..self.runs.len() {
             let c = &self.scene.clusters[i];
-            if c.period.is_some() || !self.connected[i] {
+            if c.period.is_some() || !self.connected[i] || self.is_joined[i] {
                 continue;
             }
             if self.runs[i].time() <= self.last_sample * (1.0 + 1e-12) {
@@ -257,14 +280,15 @@ impl<'a> Simulation<'a> {
             }
             self.stepping[i].finish_at(&mut self.runs[i], c, at, &mut self.moved[i])?;
         }
-        Ok(())
+        (0..self.joined.len()).try_for_each(|g| self.meet_joined(g, at))
     }
 
     /// Takes all samples due at an instant.
     fn sample(&mut self, at: f64) -> Result<(), Error> {
         self.time = at;
         self.last_sample = at;
-        self.collect(None);
+        self.joined.iter_mut().for_each(Joined::forget);
+        self.hand_over_moved();
         let mut scratch = std::mem::take(&mut self.scratch);
         let result = self.take(at, &mut scratch);
         self.scratch = scratch;
@@ -277,15 +301,8 @@ impl<'a> Simulation<'a> {
             .due
             .extend(self.order.iter().filter(|i| (self.instant(**i, self.next[**i]) - at).abs() <= 1e-12 * at.abs()));
         scratch.is_due.fill(false);
-        for k in 0..scratch.due.len() {
-            let i = scratch.due[k];
-            scratch.is_due[i] = true;
-            if self.next[i] > 0 {
-                self.hand_over(i);
-                self.commit(i)?;
-                self.collect(Some(i));
-            }
-        }
+        scratch.due.iter().for_each(|i| scratch.is_due[*i] = true);
+        self.end_intervals(&scratch.due)?;
         self.hand_over_to_others(&scratch.is_due);
         self.refresh_foreign(at, &scratch.is_due)?;
         for k in (0..scratch.due.len()).rev() {
@@ -296,9 +313,14 @@ impl<'a> Simulation<'a> {
         self.refresh_foreign(at, &scratch.is_due)
     }
 
+    /// Hands what continuous clusters gave out at their ports to those who hold them.
+    pub(super) fn hand_over_moved(&mut self) {
+        self.collect(None);
+    }
+
     /// Hands what continuous and sampled clusters gave out at their ports to those who hold them; of sampled ones, what
     /// the one that has just ended an interval did.
-    fn collect(&mut self, ended: Option<usize>) {
+    pub(super) fn collect(&mut self, ended: Option<usize>) {
         for (k, bar) in self.scene.bars.iter().enumerate() {
             let (cluster, port) = bar.other;
             let m = std::mem::take(&mut self.moved[cluster][port]);
@@ -315,14 +337,19 @@ impl<'a> Simulation<'a> {
             let Run { layout, ledger, .. } = &self.runs[bar.holder.0];
             let mut held = self.held[bar.holder.0].iter_mut().zip(&layout.held);
             if let Some((h, p)) = held.find(|(h, _)| h.bar == Some(k)) {
-                let q = bar.sign * m - std::mem::take(&mut h.ahead);
+                let moved = bar.sign * m;
+                // Of a held flow that is met less, less is answered, as through a transformer: an impulse without its
+                // energy would drive the holder. Who holds an effort follows all of a motion.
+                let [met_part, part] = if ended.is_some() { self.parts[cluster][port] } else { [1.0; 2] };
+                let told = if bar.holds_flow() { met_part * part } else { 1.0 };
+                let q = told * moved - std::mem::take(&mut h.ahead);
                 if by_clock {
                     h.got += q;
                 } else {
                     ledger.set(p.q, ledger.get(p.q) + q);
                 }
-                h.rate = rate;
-                ledger.set(p.w, ledger.get(p.w) + met * q);
+                h.rate = told * rate;
+                ledger.set(p.w, ledger.get(p.w) + met * (part * moved));
             }
         }
     }
@@ -437,7 +464,7 @@ impl<'a> Simulation<'a> {
     /// If there is no such cluster.
     pub fn reserve(&mut self, cluster: usize, energy: f64) {
         let Run { layout, ledger, .. } = &self.runs[cluster];
-        layout.passivity.reserve.into_iter().for_each(|at| ledger.set(at, energy));
+        layout.stake.reserve.into_iter().for_each(|at| ledger.set(at, energy));
     }
 
     /// Reports how far an open port moved in the interval that runs.
@@ -466,6 +493,7 @@ impl<'a> Simulation<'a> {
         let c = &self.scene.clusters[cluster];
         if c.period.is_none() {
             self.runs[cluster].input[c.ports[port].input] = self.scene.open[open].along * value;
+            self.joined.iter_mut().for_each(Joined::forget);
         }
     }
 
@@ -483,6 +511,7 @@ impl<'a> Simulation<'a> {
                 stepping.drop_plan(run, c);
             }
         }
+        self.joined.iter_mut().for_each(Joined::forget);
         self.given[input].set(now, value, now);
     }
 }

@@ -33,10 +33,6 @@ pub struct StartCluster {
     /// The same of the periods after, apart from what follows from the answers before: [`crate::energy::AR_ORDER`]
     /// matrices.
     pub delayed_response: Vec<f64>,
-    /// What the interval that runs puts at risk, J.
-    pub risk: f64,
-    /// The most that it ever was, J.
-    pub most: f64,
     /// What follows from them: [`crate::energy::AR_COEFFICIENTS`] numbers for each held port.
     pub ar_coefficients: Vec<f64>,
 }
@@ -63,6 +59,4 @@ pub struct StartHeld {
     pub open: Option<usize>,
     /// What is held.
     pub value: f64,
-    /// What its free response is predicted to be.
-    pub predicted: f64,
 }

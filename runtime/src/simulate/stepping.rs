@@ -54,16 +54,39 @@ impl Stepping {
 
     /// Runs on its grid, which ends at `end`, to that end.
     pub(super) fn finish_at(&mut self, run: &mut Run, c: &Cluster, end: f64, moved: &mut [f64]) -> Result<(), Error> {
+        while !self.step_towards(run, c, end, moved)? {}
+        Ok(())
+    }
+
+    /// Takes one of the steps of a grid that ends at `end`; whether that was the last one.
+    pub(super) fn step_towards(
+        &mut self,
+        run: &mut Run,
+        c: &Cluster,
+        end: f64,
+        moved: &mut [f64],
+    ) -> Result<bool, Error> {
         match self {
             Self::Fixed(_) => {
-                while run.time() < end - 1e-9 * run.h {
+                if run.time() < end - 1e-9 * run.h {
                     run.next(c, moved)?;
                 }
-                (run.base, run.count) = (end, 0);
-                Ok(())
+                let is_last = run.time() >= end - 1e-9 * run.h;
+                if is_last {
+                    (run.base, run.count) = (end, 0);
+                }
+                Ok(is_last)
             }
-            Self::Fitted(_) => self.run_to(run, c, end, moved),
+            Self::Fitted(fit) => Fitted { c, run, fit }.step_towards(end, moved),
         }
+    }
+
+    /// Runs to an instant that the grid need not meet: by its own steps, and then by what is left.
+    pub(super) fn run_up_to(&mut self, run: &mut Run, c: &Cluster, at: f64, moved: &mut [f64]) -> Result<(), Error> {
+        if let Self::Fixed(_) = self {
+            self.run_past(run, c, at, moved)?;
+        }
+        self.run_to(run, c, at, moved)
     }
 
     /// Lays the steps anew: from now to `end`.

@@ -122,8 +122,11 @@ pub struct RegionSummary {
     /// Whether holds created or lost so much inside, beside H, that who meets it feels something else than what is
     /// written.
     pub leaks_much: bool,
-    /// Largest debt to the outside.
+    /// Largest debt to the outside; what is rounding beside the energies there is none.
     pub debt_max: f64,
+    /// How often it let go of what it held within an interval, or had the other side meet less of it: what it has to
+    /// give was drawn. Regions that hold together let go together.
+    pub releases: u64,
     /// Energy in the tank.
     pub tank: f64,
     /// Energy leaps of `ray`.
@@ -335,7 +338,8 @@ impl Simulation<'_> {
             leaked,
             leaks_much: !c.holds.is_empty()
                 && leaked.abs() > (LEAK * number(p.h_max)).max(CROSSED * number(d.crossed_max)),
-            debt_max: number(p.debt_max),
+            debt_max: if doubts.relative_debt > RELATIVE_DEBT { number(p.debt_max) } else { 0.0 },
+            releases: run.layout.stake.releases.map_or(0, |at| number(at) as u64),
             tank: match (&p.work, &e.work) {
                 (Some(at), Some(work)) => number(p.stored) - number(at.energy) + work.least,
                 _ if region.period.is_some() => number(p.stored) - number(p.h) + e.least,

@@ -132,9 +132,8 @@ impl Writing<'_> {
 
     /// Books what crossed held ports, and what was learned from that.
     pub(super) fn settle(&self, w: &mut Writer, i: usize) {
-        let near = self.scene.near().swap_remove(i);
         self.on(w, i, |m, block| {
-            interval::settle(m, block, i, &near, self.layouts());
+            interval::settle(m, block, i, self.layouts());
             (0..self.clusters[i].layout.held.len()).for_each(|k| self.holder(i).learn(m, block, k));
         });
     }

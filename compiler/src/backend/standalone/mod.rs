@@ -8,6 +8,7 @@
 
 mod block;
 mod block_program;
+mod budget;
 mod memory;
 mod places;
 mod sample;

@@ -59,9 +59,8 @@ impl Cluster {
         let layout = Layout::new(index, c, full);
         let mut numbers = layout.start(c, start.energies.iter().copied());
         for (h, p) in start.held.iter().zip(&layout.held) {
-            (numbers[p.v.at], numbers[p.predicted.at]) = (h.value, h.predicted);
+            numbers[p.v.at] = h.value;
         }
-        (numbers[layout.passivity.risk.at], numbers[layout.passivity.most.at]) = (start.risk, start.most);
         let ledger = block.put(&numbers);
         let iterations = full.then(|| block.take(1));
         Self {

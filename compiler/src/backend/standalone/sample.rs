@@ -92,9 +92,8 @@ impl Writing<'_> {
             for at in ports.chain(c.foreign_at..c.given_at()) {
                 w.keep(place.input + at, zero);
             }
-            let (held, p) = (&place.layout.held, &place.layout.passivity);
-            for at in held.iter().flat_map(|h| [h.v, h.predicted]).chain([p.risk, p.most]) {
-                w.keep(place.at(at), zero);
+            for h in &place.layout.held {
+                w.keep(place.at(h.v), zero);
             }
         }
         // All are due.
@@ -257,6 +256,7 @@ impl Writing<'_> {
         let t = w.mul(last, length);
         let mut w = self.one(w, i, t, period, false)?;
         self.settle(&mut w, i);
+        self.within_all_budgets(&mut w, i);
         for at in place.layout.held.iter().flat_map(|p| [p.q, p.w]) {
             w.keep(place.at(at), zero);
         }
@@ -351,15 +351,13 @@ impl Writing<'_> {
         if c.budget {
             found = self.on(&mut w, i, |m, block| {
                 let holder = self.holder(i);
-                let doubt: Vec<_> = (0..n).map(|k| holder.doubt(m, block, k)).collect();
                 let free_response: Vec<_> = free_response.iter().map(|x| m.value(*x)).collect();
                 let mut found: Vec<_> = found.iter().map(|x| m.value(*x)).collect();
-                holder.within_budget(m, block, &mut found, (&free_response, &doubt), m.value(foreseen));
+                holder.within_budget(m, block, &mut found, &free_response, m.value(foreseen));
                 found.iter().map(|x| x.value).collect()
             });
         }
-        for (((h, p), v), free_response) in start.held.iter().zip(&place.layout.held).zip(found).zip(&free_response) {
-            w.keep(place.at(p.predicted), *free_response);
+        for ((h, p), v) in start.held.iter().zip(&place.layout.held).zip(found) {
             w.keep(place.at(p.v), v);
             if let Some(b) = h.bar {
                 let bar = &self.scene.bars[b];

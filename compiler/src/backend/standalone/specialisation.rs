@@ -64,7 +64,7 @@ pub fn code_shape(scene: &Scene, options: &Options) -> Option<Vec<u8>> {
         c.sizes.fill(0.0);
         c.guards.iter_mut().for_each(|g| (g.program, g.branch) = (Program::default(), None));
         c.stored = Program::default();
-        c.fastest_period = None;
+        (c.fastest_period, c.fastest_turn) = (None, 0.0);
         c.instant = c.instant.code_shape();
         c.entries.iter_mut().for_each(|e| {
             (e.floor, e.faintest, e.least) = (0.0, 0.0, f64::from(u8::from(e.least != 0.0)));

@@ -11,15 +11,23 @@ const WRITTEN: usize = 64;
 impl Writing<'_> {
     /// Brings continuous clusters to the end of the interval.
     pub(super) fn steps(&mut self, mut w: Writer) -> Result<Writer, String> {
+        let mut drawn = Vec::new();
         for i in 0..self.clusters.len() {
             let c = &self.scene.clusters[i];
             if c.period.is_some() {
                 continue;
             }
             let Steps { h, n, own } = self.plan.steps[i];
+            let watched;
+            (w, watched) = self.watch(w, i)?;
             let (now, length) = (w.kept(self.time), w.number(h));
             if n == 1 {
                 w = self.one(w, i, now, h, true)?;
+                let place = &self.clusters[i];
+                let state = if self.late.iter().any(|l| l.next == place.next) { place.next } else { place.state };
+                let end = w.add(now, length);
+                w = self.watch_step(w, i, &watched, (end, h, state))?;
+                drawn.extend(watched);
                 continue;
             }
             // Steps are counted by a number: the time of each is made of it.
@@ -38,11 +46,15 @@ impl Writing<'_> {
                 w.add(now, gone)
             };
             w = self.one(w, i, t, h, false)?;
+            let (end, state) = (w.add(t, length), self.clusters[i].state);
+            w = self.watch_step(w, i, &watched, (end, h, state))?;
             let k = w.add(k, one);
             w.set(count, k);
             let body = w.close();
             w.push(Stmt::Loop(body));
+            drawn.extend(watched);
         }
+        self.within_budget(&mut w, &drawn);
         Ok(w)
     }
 

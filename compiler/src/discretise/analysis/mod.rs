@@ -4,6 +4,7 @@ pub(crate) mod at_start;
 pub(crate) mod curvature;
 pub(crate) mod energy_minimum;
 pub(crate) mod fastest_period;
+pub(crate) mod fastest_turn;
 pub(crate) mod index2;
 pub(crate) mod initial_loops;
 pub(crate) mod polynomial;

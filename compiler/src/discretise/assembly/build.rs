@@ -1,6 +1,6 @@
 //! A cluster as a scene has it.
 
-use crate::discretise::analysis::{energy_minimum, fastest_period, initial_loops, smoothness};
+use crate::discretise::analysis::{energy_minimum, fastest_period, fastest_turn, initial_loops, smoothness};
 use crate::discretise::assembly::{guards, hold, observation, stored_energy};
 use crate::discretise::choice::{self, Accuracy};
 use crate::discretise::cluster::Cluster;
@@ -65,6 +65,7 @@ pub(crate) fn build(
     }
     let (initial, names) = state(c, model, form)?;
     let is_linear = sampling.is_none() && step.linear.is_some();
+    let fastest_turn = step.linear.as_ref().filter(|_| is_linear).map_or(0.0, fastest_turn::fastest_turn);
     let (states, regions) = (c.states.len(), c.regions.len());
     Ok(scene::Cluster {
         name: c.name(form),
@@ -97,6 +98,7 @@ pub(crate) fn build(
         inputs: c.inputs.iter().map(|i| i.0).collect(),
         entries,
         is_linear,
+        fastest_turn,
         fastest_period: fastest,
         jumps: c.vertical_laws(model, form),
     })

@@ -58,6 +58,8 @@ impl Cluster {
                 let slot = b.named(Array::Output, format!("supplied({name})"));
                 if holds.contains(&c) {
                     e.held.push(e.supplied.len());
+                } else if self.sampling.is_some() && self.ports.contains(&c) {
+                    e.met.push(e.supplied.len());
                 }
                 e.supplied.push((name, slot.index as usize));
             }

@@ -1,0 +1,164 @@
+//! The budget within the interval: whatever pushes, however long the period and however many bars, the outside gets no
+//! more from sampled regions than they had and were given. Drawn scenes, and a count that never looks at the ledger:
+//! what the outside has, less what it had and what pushed it.
+
+use crate::common::{advance, cases, probe, start, text};
+use std::fmt::Write;
+
+/// Numbers of a scene's own.
+struct Draw(u64);
+
+impl Draw {
+    fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    /// Between two numbers, evenly in the logarithm.
+    fn log(&mut self, from: f64, to: f64) -> f64 {
+        from * (to / from).powf(self.unit())
+    }
+
+    fn chance(&mut self, part: f64) -> bool {
+        self.unit() < part
+    }
+
+    fn of<T: Copy>(&mut self, list: &[T]) -> T {
+        list[((self.unit() * list.len() as f64) as usize).min(list.len() - 1)]
+    }
+}
+
+/// A scene, and what has to be known of it for the count.
+struct Scene {
+    text: String,
+    period: f64,
+    /// What is written of it where it fails.
+    kind: String,
+}
+
+const HOLDS: [&str; 5] = ["", "hold lagged", "hold predicted", "hold matched", "hold lagged method ray"];
+
+/// A body that is pushed, with springs and friction of its own, at one or several sampled regions: walls, springs with
+/// dampers, warm ones, masses that hold a flow, chains, of one or of several periods.
+fn scene(seed: u64) -> Scene {
+    let mut d = Draw(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234_5678);
+    let (m, period, ratio) = (d.log(0.1, 10.0), d.log(1e-3, 0.3), d.log(0.01, 100.0));
+    let k = ratio * m / (period * period);
+    let root = (k * m).sqrt();
+    let (hold, force, wait) = (d.of(&HOLDS), d.log(0.1, 10.0), period * d.log(2.0, 100.0));
+    let rate = 2.0 * std::f64::consts::PI / wait;
+    let push = match d.of(&[0, 1, 2]) {
+        0 => format!("{force} N"),
+        1 => format!("({force} N)*sin({rate} rad/s * t)"),
+        // Without warning, and within intervals.
+        _ => format!("if sin({rate} rad/s * t) > 0 then {force} N else -{force} N"),
+    };
+    let speed = if d.chance(0.4) { force * period / m } else { 0.0 };
+    let (mut outside, mut has, mut kinds) = (String::new(), "m.H".to_string(), vec![hold]);
+    if d.chance(0.3) {
+        write!(outside, "  C:o {{ stiffness = {} N/m }}  v -> o", k * d.log(0.1, 10.0)).expect("a text");
+        has += " + o.H";
+    }
+    if d.chance(0.3) {
+        write!(outside, "  R:fr = {} N*s/m  v -> fr", root * d.log(0.01, 1.0)).expect("a text");
+    }
+    if d.chance(0.2) {
+        write!(outside, "  R:dry {{ e = ({} N)*tanh(f/(1 mm/s)) }}  v -> dry", 0.3 * force).expect("a text");
+        kinds.push("dry");
+    }
+    let spring = |d: &mut Draw, name: &str, k: f64| match d.of(&[0, 1]) {
+        0 => format!("C:{name} {{ stiffness = {k} N/m }}"),
+        _ => format!("C:{name} {{ H = if q > 0 then 0.5*({k} N/m)*q^2 else 0 }}"),
+    };
+    let damping = root * d.of(&[0.0, 0.05, 0.3, 1.0]);
+    let mut inner = format!("{}  1:p -> s", spring(&mut d, "s", k));
+    if d.chance(0.15) {
+        inner += &format!("  RS(r, th):damper = {} N*s/m  Body:body(C = 1 J/K, T0 = 300 K)", damping.max(0.01 * root));
+        inner += "  p -> damper.r  damper.th -> 0:T -> body.heat";
+        kinds.push("warm");
+    } else if damping > 0.0 {
+        inner += &format!("  R:d = {damping} N*s/m  p -> d");
+    }
+    if d.chance(0.2) {
+        inner += &format!("  Se:own = {} N  own -> p", force * (2.0 * d.unit() - 1.0));
+        kinds.push("own");
+    }
+    let (mut more, mut tip) = (String::new(), "p");
+    let other = period * d.of(&[1.0, 2.0, 0.5, 0.370_1, 1.732_1]);
+    match d.of(&[0, 0, 1, 2, 3]) {
+        1 => {
+            let soft = k * d.log(0.1, 10.0);
+            let spring = spring(&mut d, "s2", soft);
+            write!(more, "  sampled every {other} s {{ {spring}  1:p2 -> s2 }}  v ||> p2").expect("a text");
+            kinds.push("two walls");
+        }
+        2 => {
+            // The wall's far end is another sampled body.
+            let far = m * d.log(0.1, 3.0);
+            (inner, tip) = (format!("{inner}  0:tip -> p"), "tip");
+            write!(more, "  sampled every {other} s {{ I:n = {far} kg  1:w -> n }}  tip ||> w").expect("a text");
+            kinds.push("chain");
+        }
+        3 => {
+            let far = m * d.log(0.1, 3.0);
+            write!(more, "  C:soft {{ stiffness = {} N/m }}  v -> 0:y -> soft", k * d.log(0.1, 10.0)).expect("a text");
+            write!(more, "  sampled every {other} s {{ I:n = {far} kg  1:w -> n }}  y ||> w").expect("a text");
+            has += " + soft.H";
+            kinds.push("flow held");
+        }
+        _ => {}
+    }
+    let uses = if kinds.contains(&"warm") { "use std.thermal\n" } else { "" };
+    let text = format!(
+        "{uses}model Drawn {{
+  Se:push = {push}
+  I:m {{ inertia = {m} kg; f0 = {speed} m/s }}
+  1:v -> m  push -> v{outside}
+  sampled every {period} s {hold} {{ {inner} }}
+  v ||> {tip}{more}
+  probe has = {has}
+  probe given = integral(push.e*m.f, 0 J)
+  simulate {{ stop = 1 s }}
+}}"
+    );
+    Scene { text, period, kind: format!("{ratio:.2e} {}", kinds.join(", ")) }
+}
+
+/// What fails of a scene; nothing where all holds.
+fn failures(scene: &Scene) -> Vec<String> {
+    let compiled = text(&scene.text);
+    let mut sim = start(&compiled, bond::Steps::new());
+    let mut list = Vec::new();
+    let first = probe(&mut sim, "has");
+    let (mut most, mut drawn) = (first, 0.0f64);
+    for n in 1..=420 {
+        // Rows lie within intervals.
+        advance(&mut sim, f64::from(n) * scene.period / 1.4);
+        let (has, given) = (probe(&mut sim, "has"), probe(&mut sim, "given"));
+        drawn = drawn.max(has - first - given);
+        most = most.max(has).max(given.abs());
+    }
+    let summary = sim.summary();
+    list.extend(summary.reasons.iter().cloned());
+    let crossed = summary.regions.iter().filter(|r| r.hold.is_some()).map(|r| r.h_max).fold(most, f64::max);
+    // What a region's own source puts in may be drawn, too: that is the verdict's to judge.
+    if drawn > 1e-9 * crossed && !scene.kind.contains("own") {
+        list.push(format!("the outside drew {drawn:e} J, beside {crossed:e} J"));
+    }
+    list.extend(summary.bars.iter().filter(|b| b.difference != 0.0).map(|b| format!("`{}` differs", b.name)));
+    list
+}
+
+/// More are drawn by `PROPTEST_CASES=10000 cargo test --release -p bond-tests budget`.
+#[test]
+fn nothing_is_given_that_is_not_there() {
+    let mut failed = Vec::new();
+    for seed in 0..u64::from(cases(120)) {
+        let scene = scene(seed);
+        let list = failures(&scene);
+        if !list.is_empty() {
+            failed.push(format!("{seed}: {}: {list:?}", scene.kind));
+        }
+    }
+    assert!(failed.is_empty(), "{} fail:\n{}", failed.len(), failed.join("\n"));
+}
