@@ -137,6 +137,14 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         writeln!(out, "\n{:11} {}", "double bar", b.name)?;
         writeln!(out, "  {:11} {} J into the holder", "crossed", short(b.holder))?;
         writeln!(out, "  {:11} {} J between the two sides' counts", "difference", short(b.difference))?;
+        if b.resolution > 0.0 {
+            let (step, wrong) = (short(b.resolution), short(b.miscounted));
+            writeln!(
+                out,
+                "  {:11} {step} (SI): a device that counts the energy is off by at most {wrong} J an interval",
+                "resolution"
+            )?;
+        }
     }
     let failed = o.early.and_then(Early::failure).is_some();
     let untold = failed && o.values.iter().any(|x| x.is_nan());
@@ -192,7 +200,8 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
         writeln!(out, "  {:11} {}", "because", r.why)?;
     }
     if let Some(hold) = &r.hold {
-        writeln!(out, "  {:11} {hold}", "hold")?;
+        let late = if r.latency > 0.0 { format!(", {} s after each sample", short(r.latency)) } else { String::new() };
+        writeln!(out, "  {:11} {hold}{late}", "hold")?;
     }
     writeln!(out, "  {:11} {} -> {} {unit}", "H", short(r.h_initial), short(r.h_final))?;
     for (name, x) in
@@ -355,7 +364,14 @@ impl Serialize for Json<'_> {
         let bars: Vec<_> = s
             .bars
             .iter()
-            .map(|b| serde_json::json!({"name": b.name, "holder": b.holder, "other": b.other, "difference": b.difference}))
+            .map(|b| {
+                let mut bar = serde_json::json!({"name": b.name, "holder": b.holder, "other": b.other, "difference": b.difference});
+                if let (Some(bar), true) = (bar.as_object_mut(), b.resolution > 0.0) {
+                    bar.insert("resolution".into(), b.resolution.into());
+                    bar.insert("miscounted".into(), b.miscounted.into());
+                }
+                bar
+            })
             .collect();
         map.serialize_entry("bars", &bars)?;
         map.serialize_entry("final", &Final(o))?;
@@ -402,6 +418,9 @@ impl Serialize for Region<'_> {
         map.serialize_entry("why", &r.why)?;
         map.serialize_entry("order", &r.order)?;
         map.serialize_entry("hold", &r.hold)?;
+        if r.latency > 0.0 {
+            map.serialize_entry("latency", &r.latency)?;
+        }
         map.serialize_entry("steps", &r.steps)?;
         map.serialize_entry("rejected", &r.rejected)?;
         map.serialize_entry("events", &r.events)?;

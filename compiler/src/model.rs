@@ -280,6 +280,9 @@ pub struct Bond {
     pub head: ElementId,
     /// `||>`
     pub sampled: bool,
+    /// In what steps a sampled region reads the motion of the other side, in SI units; `None` where it does so
+    /// exactly.
+    pub resolution: Option<f64>,
     /// An asserted stroke.
     pub stroke: Option<Stroke>,
     /// Its name where it has one, else `tail -> head`.
@@ -334,6 +337,8 @@ pub struct Sampling {
     pub budget: bool,
     /// The stepper, where the block names one.
     pub method: Option<String>,
+    /// How long after a sample what was found there is held, s.
+    pub latency: f64,
     /// Its head.
     pub span: Span,
 }
@@ -601,6 +606,7 @@ impl Model {
             tail: junction,
             head: id,
             sampled: false,
+            resolution: None,
             stroke: None,
             name: format!("{} -> its speed", owner.name),
             span: owner.span,

@@ -211,6 +211,8 @@ pub struct Chain {
     pub groups: Vec<Vec<End>>,
     /// `groups.len() - 1` arrows.
     pub arrows: Vec<Arrow>,
+    /// `resolution 0.05 mm` behind them: in what steps the motion is read at its double bars.
+    pub resolution: Option<Expr>,
 }
 
 /// An end of a bond.
@@ -255,6 +257,8 @@ pub struct Sampled {
     pub budget: Option<bool>,
     /// `method ray` after the hold, if any.
     pub method: Option<Name>,
+    /// `latency 0.3 ms`: how long after its samples a value is held that was found there.
+    pub latency: Option<Expr>,
     /// Its statements.
     pub body: Vec<Statement>,
 }

@@ -223,7 +223,7 @@ impl<'a> Wreck<'a> {
                 ("an element, a junction or a port", "write what the bond leads to, such as `1:v`")
             }
             "+" | "-" | "*" | "/" | "^" | "<" | ">" | "<=" | ">=" | "==" | "!=" | "=" | "(" | "[" | "and" | "or"
-            | "not" | "if" | "then" | "else" | "at" | "every" | "within" | ".." | "expect" => {
+            | "not" | "if" | "then" | "else" | "at" | "every" | "within" | ".." | "expect" | "latency" => {
                 ("a value", "write a number with its unit, such as `5 N`, or an expression")
             }
             "," => ("a further entry", "write it, or remove the comma"),

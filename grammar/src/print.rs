@@ -136,6 +136,9 @@ fn sampled(sampled: &Sampled, source: &str) -> String {
     if let Some(method) = &sampled.method {
         text += &format!(" method {}", method.text);
     }
+    if let Some(latency) = &sampled.latency {
+        text += &format!(" latency {}", expr(latency, source));
+    }
     text
 }
 
@@ -181,6 +184,9 @@ fn chain(chain: &Chain, source: &str) -> String {
             text += &format!(" {}{BREAK}", self::arrow(arrow, source));
         }
         text += &list(group, ",", end);
+    }
+    if let Some(resolution) = &chain.resolution {
+        text += &format!("{BREAK}resolution {}", expr(resolution, source));
     }
     text
 }

@@ -275,14 +275,14 @@ impl<'a> Reader<'a> {
         let at = next(&mut parts).as_rule() == Rule::kw_at;
         let value = self.expr(next(&mut parts));
         let clock = if at { Clock::At(value) } else { Clock::Every(value) };
-        let mut sampled = Sampled { clock, hold: None, budget: None, method: None, body: Vec::new() };
+        let mut sampled = Sampled { clock, hold: None, budget: None, method: None, latency: None, body: Vec::new() };
         for pair in parts {
             let (rule, span) = (pair.as_rule(), self.span(&pair));
-            let name = self.name(&inner(pair));
             let twice = match rule {
-                Rule::hold => sampled.hold.replace(name).is_some(),
-                Rule::method => sampled.method.replace(name).is_some(),
-                _ => sampled.budget.replace(name.text == "on").is_some(),
+                Rule::hold => sampled.hold.replace(self.name(&inner(pair))).is_some(),
+                Rule::method => sampled.method.replace(self.name(&inner(pair))).is_some(),
+                Rule::latency => sampled.latency.replace(self.expr(inner(pair))).is_some(),
+                _ => sampled.budget.replace(self.name(&inner(pair)).text == "on").is_some(),
             };
             if twice {
                 let word = self.scan.slice(span).split_whitespace().next().unwrap_or("");
@@ -388,18 +388,32 @@ impl<'a> Reader<'a> {
 
     fn chain(&mut self, first: End, tail: Pair<Rule>) -> Chain {
         let mut groups = vec![vec![first]];
-        let mut arrows = Vec::new();
+        let (mut arrows, mut resolution) = (Vec::new(), None);
         for pair in children(tail) {
             match pair.as_rule() {
                 Rule::arrow => arrows.push(self.arrow(pair)),
                 Rule::ends => groups.push(children(pair).map(|pair| self.end(pair)).collect()),
+                Rule::resolution => resolution = self.resolution(pair, &arrows),
                 _ => {
                     let end = self.end(pair);
                     groups[0].push(end);
                 }
             }
         }
-        Chain { groups, arrows }
+        Chain { groups, arrows, resolution }
+    }
+
+    /// The resolution of a chain, one of whose arrows has to be a double bar.
+    fn resolution(&mut self, pair: Pair<Rule>, arrows: &[Arrow]) -> Option<Expr> {
+        let span = self.span(&pair);
+        let value = self.expr(inner(pair));
+        if arrows.iter().any(|arrow| arrow.sampled) {
+            return Some(value);
+        }
+        let message = "a resolution is given for plain bonds";
+        let help = "a sampled region reads a motion in steps at its double bar: write it behind `v ||> wall`";
+        self.errors.push(Diagnostic::error("syntax::resolution", span, message).help(help));
+        None
     }
 
     fn end(&mut self, pair: Pair<Rule>) -> End {
@@ -452,11 +466,13 @@ fn children(pair: Pair<Rule>) -> impl Iterator<Item = Pair<Rule>> {
                 | Rule::kw_if
                 | Rule::kw_in
                 | Rule::kw_input
+                | Rule::kw_latency
                 | Rule::kw_let
                 | Rule::kw_method
                 | Rule::kw_model
                 | Rule::kw_port
                 | Rule::kw_probe
+                | Rule::kw_resolution
                 | Rule::kw_sampled
                 | Rule::kw_simulate
                 | Rule::kw_state

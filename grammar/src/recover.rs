@@ -339,7 +339,18 @@ impl Recovery<'_, '_> {
         }
         let connects = matches!(
             word,
-            "and" | "or" | "then" | "else" | "within" | "at" | "hold" | "budget" | "method" | "every" | "in"
+            "and"
+                | "or"
+                | "then"
+                | "else"
+                | "within"
+                | "at"
+                | "hold"
+                | "budget"
+                | "method"
+                | "every"
+                | "in"
+                | "latency"
         );
         if scan.kind(index) == Some(Kind::Number) || word == ":" {
             return first && operand;

@@ -420,6 +420,8 @@ pub struct Cluster {
     pub period: Option<f64>,
     /// `lagged`, `predicted`, `matched`; only for a sampled one.
     pub hold: Cow<'static, str>,
+    /// How long after a sample what was found there is held, s: at most a period.
+    pub latency: f64,
     /// Whether the energy budget is on.
     pub budget: bool,
     /// Energy states, then signal states; they come first in the state.
@@ -538,6 +540,8 @@ pub struct Bar {
     pub other: (usize, usize),
     /// See above.
     pub sign: f64,
+    /// In what steps the holder reads the motion of the other side, SI; 0 where it does so exactly.
+    pub resolution: f64,
 }
 
 impl Bar {
@@ -556,6 +560,8 @@ pub struct Open {
     pub port: (usize, usize),
     /// Least inertia of the outside, SI.
     pub inertia: Option<f64>,
+    /// In what steps the motion of the outside is read, SI; 0 where it is read exactly.
+    pub resolution: f64,
     /// Whether the outside gives the flow there, and the scene the effort.
     pub takes_flow: bool,
     /// Unit as text of what the scene gives there, where determined.

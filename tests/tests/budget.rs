@@ -109,13 +109,25 @@ fn scene(seed: u64) -> Scene {
         _ => {}
     }
     let uses = if kinds.contains(&"warm") { "use std.thermal\n" } else { "" };
+    let latency = match d.chance(0.2) {
+        true => format!("latency {} s", period * d.unit()),
+        false => String::new(),
+    };
+    let resolution = match d.chance(0.2) {
+        true => format!("resolution {} m", force / k * d.log(1e-4, 0.3)),
+        false => String::new(),
+    };
+    kinds.extend(
+        [(!latency.is_empty()).then_some("late"), (!resolution.is_empty()).then_some("in steps")].iter().flatten(),
+    );
     let text = format!(
         "{uses}model Drawn {{
   Se:push = {push}
   I:m {{ inertia = {m} kg; f0 = {speed} m/s }}
   1:v -> m  push -> v{outside}
-  sampled every {period} s {hold} {{ {inner} }}
-  v ||> {tip}{more}
+  sampled every {period} s {hold} {latency} {{ {inner} }}
+  v ||> {tip} {resolution}
+{more}
   probe has = {has}
   probe given = integral(push.e*m.f, 0 J)
   simulate {{ stop = 1 s }}

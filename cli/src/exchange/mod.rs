@@ -23,7 +23,7 @@ use promise::Promises;
 use crate::compile::Compiled;
 use crate::failure::RunError;
 use crate::steps::Steps;
-use bond_runtime::scene::{Entries, Scene};
+use bond_runtime::scene::{Entries, Open, Scene};
 use bond_runtime::simulate::{Options, RegionSummary, Report, Simulation, Summary};
 use thiserror::Error;
 
@@ -45,6 +45,9 @@ pub enum Unfit {
     /// Ports of several periods.
     #[error("the open ports `{}` and `{}` are held for {} s and {} s; all must have one period", .0.0, .1.0, .0.1, .1.1)]
     Periods((String, f64), (String, f64)),
+    /// Ports whose values are held differently late.
+    #[error("the open ports `{}` and `{}` have latencies of {} s and {} s; all must have one", .0.0, .1.0, .0.1, .1.1)]
+    Latencies((String, f64), (String, f64)),
     /// More than a packet holds.
     #[error("there are {0} open ports, and at most {PORTS} are served")]
     Many(usize),
@@ -123,6 +126,7 @@ pub struct Exchange<'a> {
     sim: Simulation<'a>,
     scene: &'a Scene,
     period: f64,
+    latency: f64,
     /// Clusters with open ports; which of them each port has; what each may give back.
     clusters: Vec<usize>,
     group: Vec<usize>,
@@ -169,7 +173,7 @@ pub trait ExchangeInternals<'a>: Sized {
 
 impl<'a> ExchangeInternals<'a> for Exchange<'a> {
     fn on(scene: &'a Scene, options: &Options, session: u64, hold: u32) -> Result<Self, Unfit> {
-        let period = period(scene)?;
+        let (period, latency) = (period(scene)?, latency(scene)?);
         let mut clusters: Vec<usize> = scene.open.iter().map(|o| o.port.0).collect();
         clusters.sort_unstable();
         clusters.dedup();
@@ -180,6 +184,7 @@ impl<'a> ExchangeInternals<'a> for Exchange<'a> {
             sim,
             scene,
             period,
+            latency,
             bounded: scene.excluded.is_empty() && scene.regions.iter().all(|r| !r.pseudo),
             group: scene.open.iter().map(|o| clusters.iter().position(|c| *c == o.port.0).unwrap_or(0)).collect(),
             initial,
@@ -209,7 +214,12 @@ impl Exchange<'_> {
         self.period
     }
 
-    /// The values held now.
+    /// How long after an interval's start the values in [`Self::effort`] are to be held, s.
+    pub fn latency(&self) -> f64 {
+        self.latency
+    }
+
+    /// The values held from the latency on.
     pub fn effort(&self) -> &Effort {
         &self.effort
     }
@@ -422,10 +432,14 @@ impl Exchange<'_> {
         self.count.least = self.count.least.min(stored);
         let e = &mut self.effort;
         for (group, room) in self.rooms.iter().enumerate() {
+            // The energy that the device counts is wrong by what its encoder does not tell of the motion.
+            let ports = (0..e.ports).filter(|i| self.group[*i] == group);
+            let miscounted = ports.map(|i| self.scene.open[i].resolution * self.sim.found_at(i).abs());
+            let room = (room - miscounted.fold(0.0, |sum, x| sum + x)).max(0.0);
             let limit = sum(&self.group, &self.taken.w, group) - room;
             self.promises.give(self.k, group, limit);
             for i in (0..e.ports).filter(|i| self.group[*i] == group) {
-                e.v[i] = if silent { 0.0 } else { self.sim.held_at(i) };
+                e.v[i] = if silent { 0.0 } else { self.sim.found_at(i) };
                 e.limit[i] = limit;
                 e.group[i] = group as u64;
             }
@@ -495,4 +509,17 @@ fn period(scene: &Scene) -> Result<f64, Unfit> {
         return Err(Unfit::Many(scene.open.len()));
     }
     first.map(|f| f.1).ok_or_else(|| Unfit::None(scene.name.clone()))
+}
+
+/// How late the values of all open ports are held, s.
+///
+/// # Errors
+/// See [`Unfit::Latencies`].
+fn latency(scene: &Scene) -> Result<f64, Unfit> {
+    let of = |o: &Open| (o.name.clone(), scene.clusters[o.port.0].latency);
+    let Some(first) = scene.open.first().map(of) else { return Ok(0.0) };
+    match scene.open.iter().map(of).find(|other| other.1 != first.1) {
+        Some(other) => Err(Unfit::Latencies(first, other)),
+        None => Ok(first.1),
+    }
 }

@@ -225,15 +225,22 @@ impl Loop<'_, '_> {
                 return Ok(Some(e));
             }
             let (worked, stepped) = (clock::worked() - worked, clock::now());
+            let latency = (l.exchange.latency() * 1e9).round() as u64;
+            if latency > 0 && !until.lockstep {
+                clock::sleep_until(deadline + latency);
+            }
+            let sending = clock::now();
             l.send()?;
-            let done = clock::now();
+            let done = clock::now() - (sending - stepped);
             l.times.lateness.add(woken.saturating_sub(deadline));
             l.times.step.add(stepped - begun);
             l.times.work.add(done - woken);
-            if !until.lockstep && done as f64 > deadline as f64 + period {
+            // What has a latency has to be known by then, and all else before the next sample.
+            let allowed = if latency > 0 { latency as f64 } else { period };
+            if !until.lockstep && done as f64 > deadline as f64 + allowed {
                 l.times.missed += 1;
                 // What it did not compute, it waited for the machine.
-                l.times.own += u64::from(worked as f64 > period);
+                l.times.own += u64::from(worked as f64 > allowed);
             }
             if let Some(log) = &mut log {
                 log.add(l.exchange);

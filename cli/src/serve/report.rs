@@ -120,6 +120,7 @@ pub fn json(o: &Outcome) -> String {
         "model": o.scene.name,
         "line": o.line,
         "period": o.exchange.period(),
+        "latency": o.exchange.latency(),
         "intervals": c.intervals,
         "devices": c.joined,
         "wall_seconds": t.wall,

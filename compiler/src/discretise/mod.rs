@@ -122,7 +122,9 @@ pub fn discretise(
         let (Some(holder), Some(other)) = (port_of(bar.holder), port_of(bar.held)) else { continue };
         let answer = form.column(bar.holder).gives;
         let sign = if answer == Variable::Flow { 1.0 } else { -1.0 };
-        scene.bars.push(scene::Bar { name: model.bond(bar.bond).name.clone(), holder, other, sign });
+        let bond = model.bond(bar.bond);
+        let resolution = bond.resolution.unwrap_or(0.0);
+        scene.bars.push(scene::Bar { name: bond.name.clone(), holder, other, sign, resolution });
     }
     for (i, c) in form.columns.iter().enumerate() {
         if let Role::Open(inertia) = c.role
@@ -137,6 +139,7 @@ pub fn discretise(
                 name: c.name.clone(),
                 port,
                 inertia,
+                resolution: model.bond(c.bond).resolution.unwrap_or(0.0),
                 takes_flow,
                 unit: own.map(|u| u.to_string()),
                 moved: other.map(|u| u.mul(Dimension::SECOND).to_string()),

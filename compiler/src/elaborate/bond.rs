@@ -76,6 +76,7 @@ impl<'a> Elaborator<'a> {
                         tail: *tail,
                         head: *head,
                         sampled: arrow.sampled,
+                        resolution: chain.resolution.as_ref().filter(|_| arrow.sampled).map(|e| (e, scope)),
                         stroke: arrow.stroke,
                         name: shown,
                         span: arrow.span,

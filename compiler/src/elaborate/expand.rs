@@ -725,6 +725,7 @@ impl<'a> Elaborator<'a> {
                 }
             },
         };
+        let latency = block.latency.as_ref().map_or(0.0, |latency| self.latency(latency, scope, period));
         let id = self.samplings.len();
         self.samplings.push(Sampling {
             period,
@@ -732,6 +733,7 @@ impl<'a> Elaborator<'a> {
             hold_given: block.hold.is_some(),
             budget: block.budget.unwrap_or(true),
             method: block.method.as_ref().map(|n| n.text.clone()),
+            latency,
             span: clock,
         });
         self.block(&block.body, scope, Some(id), true, chains);

@@ -91,12 +91,17 @@ impl<'a> Elaborator<'a> {
 
     /// A number that is known now, with a unit.
     pub(super) fn constant(&mut self, e: &'a ast::Expr, scope: ScopeId, unit: Dimension, about: &str) -> Option<f64> {
+        let typed = self.as_constant(e, scope)?;
+        self.require((&typed.unit, e.span), Unit::known(unit), None, about, 1);
+        self.number(&typed, e)
+    }
+
+    /// An expression that names no signals.
+    pub(super) fn as_constant(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<Typed> {
         let mode = std::mem::replace(&mut self.mode, Mode::Constant);
         let typed = self.express(e, scope);
         self.mode = mode;
-        let typed = typed?;
-        self.require((&typed.unit, e.span), Unit::known(unit), None, about, 1);
-        self.number(&typed, e)
+        typed
     }
 
     pub(crate) fn number(&mut self, typed: &Typed, e: &ast::Expr) -> Option<f64> {

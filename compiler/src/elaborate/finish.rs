@@ -24,6 +24,7 @@ impl<'a> Elaborator<'a> {
         if self.errors.is_empty() && laws.iter().any(Option::is_none) {
             self.errors.append(&mut self.untold);
         }
+        self.make_resolutions();
         let memories = self.make_memories();
         let inputs = self.make_inputs();
         let mut whole = self.errors.is_empty();

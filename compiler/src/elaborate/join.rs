@@ -72,6 +72,7 @@ impl Elaborator<'_> {
                 tail,
                 head,
                 sampled: !bars.is_empty(),
+                resolution: None,
                 stroke: members.iter().map(raw).find_map(|b| b.stroke),
                 name,
                 span,
@@ -124,7 +125,7 @@ impl Elaborator<'_> {
                 let (tail, head) = if *out { (id, nowhere) } else { (nowhere, id) };
                 let (name, span) = (self.elements[i].name.clone(), self.elements[i].span);
                 self.bonds_of[i].push(BondId(self.bonds.len() as u32));
-                self.bonds.push(Bond { tail, head, sampled: false, stroke: None, name, span });
+                self.bonds.push(Bond { tail, head, sampled: false, resolution: None, stroke: None, name, span });
             }
         }
         let missing = self.bonds.last().filter(|b| b.tail == nowhere || b.head == nowhere);

@@ -19,6 +19,7 @@ mod limits;
 mod load;
 mod name;
 mod reading;
+mod resolution;
 mod settings;
 mod signal;
 mod suggest;
@@ -177,10 +178,12 @@ enum RawEnd {
     Port(usize, bool),
 }
 
-struct RawBond {
+struct RawBond<'a> {
     tail: RawEnd,
     head: RawEnd,
     sampled: bool,
+    /// In what steps its motion is read.
+    resolution: Option<(&'a ast::Expr, ScopeId)>,
     stroke: Option<Stroke>,
     name: String,
     span: Span,
@@ -218,7 +221,7 @@ pub(crate) struct Elaborator<'a> {
     pub(crate) fields: Vec<FieldDecl<'a>>,
     open_ports: Vec<(ElementId, &'a [ast::Field], ScopeId)>,
     ports: Vec<PortDecl>,
-    raw_bonds: Vec<RawBond>,
+    raw_bonds: Vec<RawBond<'a>>,
     /// 1-ports in a list that does not end its chain, and the mend.
     listed: FxHashMap<ElementId, String>,
     samplings: Vec<Sampling>,

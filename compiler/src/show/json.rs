@@ -153,6 +153,9 @@ fn regions(shown: &Shown<'_>) -> Value {
             let mut o = head(shown, i);
             if let Some(s) = r.sampling.and_then(|s| model.samplings.get(s)) {
                 o.extend(object! { "hold": s.hold.name(), "budget": s.budget, "method": s.method });
+                if s.latency > 0.0 {
+                    o.insert("latency".into(), json!(s.latency));
+                }
             }
             o.insert("elements".into(), json!(r.elements.iter().map(|e| name(*e)).collect::<Vec<_>>()));
             o.insert("pseudo".into(), json!(shown.form.regions[i].pseudo));
@@ -162,8 +165,12 @@ fn regions(shown: &Shown<'_>) -> Value {
     let bars: Vec<Value> = region::bars(shown)
         .iter()
         .map(|b| {
-            json!(object! { "bond": model.bond(b.bond).name, "holder": name(b.holder), "holds": region::word(b.held),
-            "answers": name(b.other), "with": region::word(b.held.other()), "hold": b.hold.map(|h| h.name()) })
+            let mut o = object! { "bond": model.bond(b.bond).name, "holder": name(b.holder), "holds": region::word(b.held),
+            "answers": name(b.other), "with": region::word(b.held.other()), "hold": b.hold.map(|h| h.name()) };
+            if let Some(resolution) = model.bond(b.bond).resolution {
+                o.insert("resolution".into(), json!(resolution));
+            }
+            Value::Object(o)
         })
         .collect();
     json!(object! { "regions": regions, "bars": bars })

@@ -11,7 +11,8 @@ pub(super) fn kind(shown: &Shown<'_>, region: &Region) -> String {
     let Some(s) = region.sampling.and_then(|s| shown.model.samplings.get(s)) else { return "continuous".into() };
     let budget = if s.budget { "on" } else { "off" };
     let method = s.method.as_ref().map(|m| format!(", method {m}")).unwrap_or_default();
-    format!("sampled every {} s, hold {}, budget {budget}{method}", name::number(s.period), s.hold.name())
+    let latency = if s.latency > 0.0 { format!(", latency {} s", name::number(s.latency)) } else { String::new() };
+    format!("sampled every {} s, hold {}, budget {budget}{method}{latency}", name::number(s.period), s.hold.name())
 }
 
 /// What follows where a region does not run.
@@ -84,10 +85,12 @@ fn bar(shown: &Shown<'_>, b: &Bar) -> Vec<String> {
     let (name, of) =
         (|id: ElementId| shown.model.element(id).name.clone(), |id: ElementId| shown.graph.region_of[id.at()].at());
     let region = |id: ElementId| shown.graph.regions[of(id)].name.clone();
+    let resolution = shown.model.bond(b.bond).resolution;
+    let steps = resolution.map(|x| format!(", read in steps of {} (SI)", name::number(x))).unwrap_or_default();
     vec![
         name::bond(shown.model, b.bond, None),
         format!("{} holds its {}", name(b.holder), word(b.held)),
-        format!("{} answers with the mean {}", name(b.other), word(b.held.other())),
+        format!("{} answers with the mean {}{steps}", name(b.other), word(b.held.other())),
         format!("({} | {})", region(b.holder), region(b.other)),
     ]
 }

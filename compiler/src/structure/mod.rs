@@ -363,6 +363,10 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
     region::regions(model, graph, &rows, &eliminated, &mut form)?;
     casimir::bound(model, &mut form);
     form.bars = bars(model, &form);
+    let unread = unread(model, &form);
+    if !unread.is_empty() {
+        return Err(unread);
+    }
     form.steered = steered::steered(model, &form);
     form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;
     Ok(form)
@@ -460,6 +464,23 @@ fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<C
 
 fn is_junction(model: &Model, id: ElementId) -> bool {
     model.element(id).kind.is_junction()
+}
+
+/// Double bars whose resolution is of a motion, where an effort is read.
+fn unread(model: &Model, form: &Form) -> Vec<Diagnostic> {
+    let open = form.columns.iter().filter(|c| matches!(c.role, Role::Open(_)));
+    let readers = form.bars.iter().map(|bar| form.column(bar.holder)).chain(open);
+    let reads_effort = readers.filter(|c| c.gives == Variable::Effort && model.bond(c.bond).resolution.is_some());
+    reads_effort
+        .map(|c| {
+            let bond = model.bond(c.bond);
+            let message =
+                format!("`{}` has a resolution of its motion, but its sampled side holds the flow", bond.name);
+            Diagnostic::error("structure::resolution", bond.span, message).help(
+                "have the sampled side hold the effort, by a spring or a damper at the double bar, or leave it out",
+            )
+        })
+        .collect()
 }
 
 fn bars(model: &Model, form: &Form) -> Vec<Bar> {

@@ -380,6 +380,6 @@ fn misspelt(word: &str) -> Option<String> {
         let rest = (a.len() - head - tail).max(b.len() - head - tail);
         rest <= 1 || (a.len() > 3 && letters(word) == letters(meant))
     };
-    let words = ["within", "then", "else", "hold", "budget", "method"];
+    let words = ["within", "then", "else", "hold", "budget", "method", "latency", "resolution"];
     (word.chars().count() > 3).then(|| words.iter().find(|meant| near(meant)).map(ToString::to_string))?
 }

@@ -38,8 +38,13 @@ const DUST: f64 = 1e-30;
 /// An answer so many times that about what is held at the start is none.
 const BEYOND: f64 = 100.0;
 
+/// Of samples so close before one, as a part of the latency, it is that one at which something arrives.
+const SAMPLE: f64 = 1e-12;
+
 /// By interval, a matrix of the ports.
 type Answers = Vec<Vec<f64>>;
+/// How long something is held, and how long after an interval's start it arrives, s.
+type Pulse = (f64, f64);
 
 impl Simulation<'_> {
     /// Measures how the other sides of a sampled cluster's ports respond: the port admittance, by which the answer over
@@ -48,7 +53,9 @@ impl Simulation<'_> {
     pub(super) fn measure_port_admittance(&mut self, i: usize) {
         let n = self.held[i].len();
         let own = self.scene.clusters[i].period.unwrap_or(0.0);
-        let period = self.transitions[i].as_ref().map_or(own, |p| p.step);
+        // Of who goes by another's clock the answer to one interval of that is measured, which begins when that does.
+        let (period, latency) =
+            self.transitions[i].as_ref().map_or((own, self.scene.clusters[i].latency), |p| (p.step, 0.0));
         let mut port_admittance = vec![0.0; n * n];
         let mut delayed_response = vec![0.0; AR_ORDER * n * n];
         let mut ar_coefficients = vec![0.0; AR_COEFFICIENTS * n];
@@ -68,7 +75,7 @@ impl Simulation<'_> {
             let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
             let c = &self.scene.clusters[other];
             let about: Vec<f64> = mine.iter().zip(&bars).map(|(k, bar)| bar.sign * calls[*k]).collect();
-            let answers = self.runs[other].measured(c, period, &ports, &about);
+            let answers = self.runs[other].measured(c, (period, latency), &ports, &about);
             let m = mine.len();
             // q = sign * integral, input = sign * v, and q is the free response less the port admittance times v.
             let fall = |interval: usize, r: usize, s: usize| {
@@ -89,8 +96,14 @@ impl Simulation<'_> {
         }
         for (k, h) in self.held[i].iter().enumerate() {
             if let Some(inertia) = h.open.and_then(|o| self.scene.open[o].inertia) {
-                port_admittance[k * n + k] = period * period / (2.0 * inertia);
-                delayed_response[k * n + k] = 2.0 * port_admittance[k * n + k];
+                // A mass that is pushed from the latency on, and for a period.
+                let rest = period - latency;
+                port_admittance[k * n + k] = rest * rest / (2.0 * inertia);
+                delayed_response[k * n + k] = period * period / inertia - latency * latency / (2.0 * inertia);
+                if latency > 0.0 {
+                    delayed_response[(n + k) * n + k] = latency * latency / (2.0 * inertia);
+                    ar_coefficients[k * AR_COEFFICIENTS + AR_ORDER + 1] = 2.0;
+                }
             }
         }
         for k in 0..n {
@@ -129,16 +142,16 @@ impl Simulation<'_> {
 impl Run {
     /// The answer ([`Self::response`]) about 0, or `about` what is held at the start where there is none, or one beyond
     /// all others; where friction holds within the hold, to a change that is large enough.
-    fn measured(&mut self, c: &Cluster, period: f64, ports: &[usize], about: &[f64]) -> Answers {
+    fn measured(&mut self, c: &Cluster, hold: Pulse, ports: &[usize], about: &[f64]) -> Answers {
         let zero = vec![0.0; ports.len()];
         if c.is_linear {
-            return self.response(c, period, (ports, &zero), 1.0);
+            return self.response(c, hold, (ports, &zero), 1.0);
         }
         let size = |a: &Answers| a.first().map_or(0.0, |m| largest(m));
-        let mut answers = self.in_proportion(c, period, (ports, &zero));
+        let mut answers = self.in_proportion(c, hold, (ports, &zero));
         if about.iter().any(|v| *v != 0.0) {
             // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K.
-            let there = self.in_proportion(c, period, (ports, about));
+            let there = self.in_proportion(c, hold, (ports, about));
             if size(&there) > 0.0 && (answers.is_empty() || size(&answers) > BEYOND * size(&there)) {
                 answers = there;
             }
@@ -152,14 +165,14 @@ impl Run {
                 break;
             }
             probe /= FINER;
-            let mut larger = self.response(c, period, (ports, about), probe);
+            let mut larger = self.response(c, hold, (ports, about), probe);
             if size(&larger) <= size(&answers) {
                 continue;
             }
             // Of a change that just overcomes what holds, most is held.
             for _ in 0..LOOKS {
                 probe *= MORE;
-                let more = self.response(c, period, (ports, about), probe);
+                let more = self.response(c, hold, (ports, about), probe);
                 let grows = size(&more) > GROWS * size(&larger);
                 if size(&more) > size(&larger) {
                     larger = more;
@@ -174,13 +187,13 @@ impl Run {
     }
 
     /// The answer to a change so small that a smaller one makes no other.
-    fn in_proportion(&mut self, c: &Cluster, period: f64, at: (&[usize], &[f64])) -> Answers {
+    fn in_proportion(&mut self, c: &Cluster, hold: Pulse, at: (&[usize], &[f64])) -> Answers {
         let mut probe = PROBE;
-        let first = self.response(c, period, at, probe);
+        let first = self.response(c, hold, at, probe);
         let mut answers = first.clone();
         for _ in 0..LOOKS {
             probe *= FINER;
-            let finer = self.response(c, period, at, probe);
+            let finer = self.response(c, hold, at, probe);
             let most = finer.iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
             let pairs = || answers.iter().flatten().zip(finer.iter().flatten());
             if finer.len() == answers.len() && pairs().all(|(x, y)| (x - y).abs() <= SAME * most) {
@@ -191,13 +204,19 @@ impl Run {
         first
     }
 
-    /// How this cluster answers to what is held at `ports` for one `period` and then let go, about some values that are
-    /// held all the time: for the interval of the hold and some after it, a matrix of the change, with each held input,
-    /// of the integral of what each port gives out. Empty where a step fails.
+    /// How this cluster answers to what is held at `ports` for one period, from the latency on, and then let go, about
+    /// some values that are held all the time: for the interval in which the hold begins and some after it, a matrix of
+    /// the change, with each held input, of the integral of what each port gives out. Empty where a step fails.
     ///
     /// `probe` is the size of the change. Where its steps have an error, they are halved, and what they give is
     /// extrapolated (Romberg), until it changes no more: the answer is the region's, not its stepper's.
-    fn response(&mut self, c: &Cluster, period: f64, (ports, about): (&[usize], &[f64]), probe: f64) -> Answers {
+    fn response(
+        &mut self,
+        c: &Cluster,
+        (period, latency): Pulse,
+        (ports, about): (&[usize], &[f64]),
+        probe: f64,
+    ) -> Answers {
         let at = (ports, about, probe);
         let later = if EFFORT / (LATER * STEPS * ports.len()) < self.state.len() { 2 } else { LATER };
         if let Some(own) = c.period {
@@ -205,11 +224,21 @@ impl Run {
             let most =
                 |later: usize| (SAMPLES / (2 * (later + 1) * ports.len() * self.state.len().max(1))).max(1) as f64;
             let later = if steps > most(later) { 2 } else { later };
-            // Of an interval of more samples than that the begin has to tell.
-            return self.answers(c, (period, own, steps.min(most(later)) as usize), at, later).unwrap_or_default();
+            // Of an interval of more samples than that the begin has to tell. What arrives between two is met at the
+            // later one.
+            let steps = steps.min(most(later));
+            let late = (latency / own * (1.0 - SAMPLE)).ceil().min(steps);
+            let parts = [(own, late as usize), (own, (steps - late) as usize)];
+            return self.answers(c, (period, parts), at, later).unwrap_or_default();
         }
+        let laid = |steps: usize| {
+            [latency, period - latency].map(|length| match length > 0.0 {
+                true => (length / steps as f64, steps),
+                false => (0.0, 0),
+            })
+        };
         if c.step.linear.is_some() && c.step.properties.order == 0 {
-            return self.answers(c, (period, period, 1), at, later).unwrap_or_default();
+            return self.answers(c, (period, laid(1)), at, later).unwrap_or_default();
         }
         // Of a symmetric method the error has even powers of the step only; taken for one that is not, these are none.
         let order = c.step.properties.order.max(1);
@@ -223,7 +252,7 @@ impl Run {
                 break;
             }
             left = left.saturating_sub(cost);
-            let Some(mut now) = self.answers(c, (period, period / steps as f64, steps), at, later) else { break };
+            let Some(mut now) = self.answers(c, (period, laid(steps)), at, later) else { break };
             let mut row = vec![now.clone()];
             for (k, coarse) in rows.iter().enumerate() {
                 let gain = 2.0f64.powi((order + each * k as u32) as i32) - 1.0;
@@ -249,18 +278,17 @@ impl Run {
         best.map(|b| b.1).unwrap_or_default()
     }
 
-    /// The same with steps of one length, so many an interval.
+    /// The same with steps of one length, so many in an interval before what is held arrives, and so many after that.
     fn answers(
         &mut self,
         c: &Cluster,
-        (period, h, steps): (f64, f64, usize),
+        (period, parts): (f64, [(f64, usize); 2]),
         (ports, about, probe): (&[usize], &[f64], f64),
         later: usize,
     ) -> Option<Answers> {
         let n = ports.len();
         let mut matrices = vec![vec![0.0; n * n]; later + 1];
         let mut sizes = matrices.clone();
-        self.step.prepare(h).ok()?;
         let iterations = self.step.work.newton_iterations;
         for (j, held) in ports.iter().enumerate() {
             for sign in [1.0, -1.0] {
@@ -272,18 +300,25 @@ impl Run {
                 for (p, v) in ports.iter().zip(about) {
                     input[c.ports[*p].input] = *v;
                 }
-                input[1] = h;
                 for (interval, (matrix, size)) in matrices.iter_mut().zip(&mut sizes).enumerate() {
-                    input[c.ports[*held].input] = about[j] + if interval == 0 { sign * probe } else { 0.0 };
-                    for k in 0..steps {
-                        input[0] = interval as f64 * period + k as f64 * h;
-                        self.step.run(&state, &input).ok()?;
-                        state.copy_from_slice(&self.step.work.next);
-                        for (i, p) in ports.iter().enumerate() {
-                            let q = h * self.step.work.output[c.ports[*p].mean];
-                            matrix[i * n + j] += sign * q / (2.0 * probe);
-                            size[i * n + j] += q.abs() / (2.0 * probe);
+                    let mut begin = interval as f64 * period;
+                    for (part, (h, steps)) in parts.into_iter().enumerate().filter(|(_, (_, steps))| *steps > 0) {
+                        // Before it arrives, in the next interval, it is held yet.
+                        let is_held = interval == usize::from(part == 0);
+                        input[c.ports[*held].input] = about[j] + if is_held { sign * probe } else { 0.0 };
+                        input[1] = h;
+                        self.step.prepare(h).ok()?;
+                        for k in 0..steps {
+                            input[0] = begin + k as f64 * h;
+                            self.step.run(&state, &input).ok()?;
+                            state.copy_from_slice(&self.step.work.next);
+                            for (i, p) in ports.iter().enumerate() {
+                                let q = h * self.step.work.output[c.ports[*p].mean];
+                                matrix[i * n + j] += sign * q / (2.0 * probe);
+                                size[i * n + j] += q.abs() / (2.0 * probe);
+                            }
                         }
+                        begin += steps as f64 * h;
                     }
                 }
             }

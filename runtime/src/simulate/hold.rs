@@ -1,5 +1,6 @@
 //! What crosses a double bar, and what a sampled region knows of its other side.
 
+use super::encoder::Encoder;
 use serde::{Deserialize, Serialize};
 
 /// What the outside tells of an open port's interval.
@@ -30,6 +31,10 @@ pub(super) struct Held {
     pub(super) silent: bool,
     /// What was held at the start of the interval that runs, where that was let go within it.
     pub(super) let_go: Option<LetGo>,
+    /// What was found at the last sample, where that is not yet held.
+    pub(super) next: Option<f64>,
+    /// What it has read of the other side's motion.
+    pub(super) encoder: Encoder,
 }
 
 /// What was held until it was let go within an interval.

@@ -8,6 +8,7 @@ mod block_routine;
 mod clock;
 mod cluster;
 mod controller;
+mod encoder;
 mod error_scale;
 mod event;
 mod guard;

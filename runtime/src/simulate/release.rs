@@ -281,7 +281,9 @@ impl Simulation<'_> {
     fn margin(&mut self, account: Account, w: f64, moved: impl Fn(usize) -> f64) -> (f64, f64) {
         let Account { holder, is_heat } = account;
         let there = |own: [f64; 2], sim: &Self| {
-            interval::rooms(Real::new(), sim.sampling(holder), &sim.runs[holder].layout, own)[usize::from(is_heat)]
+            let there =
+                interval::rooms(Real::new(), sim.sampling(holder), &sim.runs[holder].layout, own)[usize::from(is_heat)];
+            (there - sim.miscounted(account)).max(0.0)
         };
         let mut room = there([0.0; 2], self);
         if w + room < 0.0 && self.scene.clusters[holder].entries.iter().any(|e| e.sources().next().is_some()) {
@@ -289,6 +291,15 @@ impl Simulation<'_> {
             room = there(own, self);
         }
         (w + room, room)
+    }
+
+    /// What the energy may be wrong by that is counted over an interval at the bars of an account, whose encoders read
+    /// each end of a motion to half a step.
+    fn miscounted(&self, account: Account) -> f64 {
+        let bars = (0..self.scene.bars.len()).filter(|b| self.scene.bars[*b].resolution > 0.0);
+        bars.filter(|b| self.is_of(account, *b))
+            .map(|b| self.scene.bars[b].resolution * self.held_at_bar(b).abs())
+            .fold(0.0, |sum, x| sum + x)
     }
 
     /// What a holder has left of what there is to give, after what crossed its bars until now.
@@ -434,13 +445,22 @@ impl Simulation<'_> {
             self.runs[i].ledger.set(at.counted_on.plus(usize::from(account.is_heat)), own.max(0.0));
         }
         let last = self.next[i].saturating_sub(1);
-        let lasted = ((at - self.instant(i, last)) / self.length(i, last)).clamp(0.0, 1.0);
+        let (period, latency) = (self.length(i, last), self.scene.clusters[i].latency);
+        let since = at - self.instant(i, last);
+        // What was found a sample before is held until the latency is over, and is known to have been held so long.
+        let of_before = self.arrival(i).is_some();
+        let part = if of_before { 1.0 + (since - latency) / period } else { (since - latency) / (period - latency) };
+        let lasted = part.clamp(0.0, 1.0);
         for k in 0..self.held[i].len() {
             let p = &self.runs[i].layout.held[k];
             // What an outside holds is its own to let go of.
             let Some(b) = self.held[i][k].bar.filter(|_| p.is_thermal == account.is_heat) else { continue };
-            self.held[i][k].let_go = Some(LetGo { value: self.runs[i].ledger.get(p.v), lasted });
-            self.runs[i].ledger.set(p.v, 0.0);
+            let ledger = &self.runs[i].ledger;
+            match of_before {
+                true => ledger.set(p.before, lasted * ledger.get(p.before)),
+                false => self.held[i][k].let_go = Some(LetGo { value: ledger.get(p.v), lasted }),
+            }
+            ledger.set(p.v, 0.0);
             let (cluster, port) = self.scene.bars[b].other;
             let other = &self.scene.clusters[cluster];
             if other.period.is_none() {

@@ -19,6 +19,13 @@ impl Simulation<'_> {
         h.bar.is_some_and(|b| self.scene.clusters[self.scene.bars[b].other.0].period.is_some())
     }
 
+    /// Whether the energy of an interval at a held port is summed up on the way: it is not what is held times what is
+    /// read of the other side's motion.
+    fn is_summed(&self, i: usize, h: &Held) -> bool {
+        let is_late = self.scene.clusters[i].latency > 0.0;
+        self.latches(h) || h.let_go.is_some() || h.bar.is_some_and(|b| is_late || self.scene.bars[b].resolution > 0.0)
+    }
+
     /// What a sample of a cluster reads and writes; of one that goes by another's clock, for an interval of that.
     pub(super) fn sampling(&self, i: usize) -> Sampling<'_> {
         let responses = [&self.port_admittance[i], &self.delayed_response[i], &self.ar_coefficients[i]];
@@ -54,7 +61,7 @@ impl Simulation<'_> {
         let (start, period) = (self.instant(i, last), self.length(i, last));
         let rate = 1.0 / period;
         for k in 0..self.held[i].len() {
-            let mut counted = self.latches(&self.held[i][k]) || self.held[i][k].let_go.is_some();
+            let mut counted = self.is_summed(i, &self.held[i][k]);
             let run = &mut self.runs[i];
             let (h, p) = (&mut self.held[i][k], &run.layout.held[k]);
             if let Some(report) = h.open.map(|o| self.open[o]) {
@@ -97,7 +104,9 @@ impl Simulation<'_> {
         if let Some(LetGo { value, lasted }) = self.held[i][k].let_go {
             let p = self.held_places(i, k);
             let free_response = self.runs[i].ledger.get(p.q) + self.yielded_to_pulses(i, k);
-            hold::note(Real::new(), sampling, p, free_response, lasted * value);
+            // So much of the period was it held.
+            let part = lasted * (1.0 - self.scene.clusters[i].latency / self.length(i, self.next[i] - 1));
+            hold::note(Real::new(), sampling, p, free_response, part * value);
             sampling.store(p.last_q, sampling.load(p.q));
             return;
         }
@@ -210,21 +219,45 @@ impl Simulation<'_> {
             self.holder(i).within_budget(Real::new(), sampling, values, free_response, foreseen);
         }
         for (k, v) in values.iter().copied().enumerate() {
-            let (h, Run { layout, ledger, .. }) = (&mut self.held[i][k], &self.runs[i]);
-            if std::mem::take(&mut h.silent) {
+            if std::mem::take(&mut self.held[i][k].silent) {
                 continue;
             }
-            ledger.set(layout.held[k].v, v);
-            if let Some(b) = h.bar {
-                let bar = &self.scene.bars[b];
-                let (cluster, port) = bar.other;
-                // A continuous side meets it at once; a sampled one latches it at its own instant.
-                if self.scene.clusters[cluster].period.is_none() {
-                    self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input] = bar.sign * v;
-                }
+            match c.latency > 0.0 {
+                true => self.held[i][k].next = Some(v),
+                false => self.put_in_force(i, k, v),
             }
         }
         Ok(())
+    }
+
+    /// Holds a value at a port from now on.
+    fn put_in_force(&mut self, i: usize, k: usize, v: f64) {
+        let (h, Run { layout, ledger, .. }) = (&mut self.held[i][k], &self.runs[i]);
+        ledger.set(layout.held[k].v, v);
+        h.encoder.most = h.encoder.most.max(v.abs());
+        if let Some(b) = h.bar {
+            let bar = &self.scene.bars[b];
+            let (cluster, port) = bar.other;
+            // A continuous side meets it at once; a sampled one latches it at its own instant.
+            if self.scene.clusters[cluster].period.is_none() {
+                self.runs[cluster].input[self.scene.clusters[cluster].ports[port].input] = bar.sign * v;
+            }
+        }
+    }
+
+    /// When what a cluster found at its last sample arrives, where that is still to come.
+    pub(super) fn arrival(&self, i: usize) -> Option<f64> {
+        let waits = self.held[i].iter().any(|h| h.next.is_some());
+        waits.then(|| self.instant(i, self.next[i] - 1) + self.scene.clusters[i].latency)
+    }
+
+    /// Holds what a cluster found at its last sample.
+    pub(super) fn arrive(&mut self, i: usize) {
+        for k in 0..self.held[i].len() {
+            if let Some(v) = self.held[i][k].next.take() {
+                self.put_in_force(i, k, v);
+            }
+        }
     }
 
     /// What to hold where a switched law leaves no solution: on the jump of the law, where the answer q is such that

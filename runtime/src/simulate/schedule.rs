@@ -212,9 +212,11 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// The next sample of any cluster.
+    /// The next instant at which any cluster samples, or what it found at its last sample arrives.
     fn next_sample(&self) -> Option<f64> {
-        self.order.iter().map(|i| self.instant(*i, self.next[*i])).min_by(f64::total_cmp)
+        let samples = self.order.iter().map(|i| self.instant(*i, self.next[*i]));
+        let arrivals = self.order.iter().filter_map(|i| self.arrival(*i));
+        samples.chain(arrivals).min_by(f64::total_cmp)
     }
 
     /// Runs to an instant: all samples up to it, that instant's included, are taken.
@@ -300,6 +302,14 @@ impl<'a> Simulation<'a> {
         scratch
             .due
             .extend(self.order.iter().filter(|i| (self.instant(**i, self.next[**i]) - at).abs() <= 1e-12 * at.abs()));
+        for i in 0..self.runs.len() {
+            if self.arrival(i).is_some_and(|arrival| (arrival - at).abs() <= 1e-12 * at.abs()) {
+                self.arrive(i);
+            }
+        }
+        if scratch.due.is_empty() {
+            return Ok(());
+        }
         scratch.is_due.fill(false);
         scratch.due.iter().for_each(|i| scratch.is_due[*i] = true);
         self.end_intervals(&scratch.due)?;
@@ -338,11 +348,12 @@ impl<'a> Simulation<'a> {
             let mut held = self.held[bar.holder.0].iter_mut().zip(&layout.held);
             if let Some((h, p)) = held.find(|(h, _)| h.bar == Some(k)) {
                 let moved = bar.sign * m;
+                let read = h.encoder.read(moved, bar.resolution);
                 // Of a held flow that is met less, less is answered, as through a transformer: an impulse without its
                 // energy would drive the holder. Who holds an effort follows all of a motion.
                 let [met_part, part] = if ended.is_some() { self.parts[cluster][port] } else { [1.0; 2] };
                 let told = if bar.holds_flow() { met_part * part } else { 1.0 };
-                let q = told * moved - std::mem::take(&mut h.ahead);
+                let q = told * read - std::mem::take(&mut h.ahead);
                 if by_clock {
                     h.got += q;
                 } else {
@@ -447,6 +458,14 @@ impl<'a> Simulation<'a> {
         let Run { layout, ledger, .. } = &self.runs[open.port.0];
         let held = layout.held.iter().find(|p| p.port == open.port.1);
         held.map_or(0.0, |p| open.sign() * ledger.get(p.v))
+    }
+
+    /// What an open port holds from the latency of its region on, after the last sample: the same where it has none.
+    pub fn found_at(&self, open: usize) -> f64 {
+        let (cluster, port) = self.scene.open[open].port;
+        let mut held = self.held[cluster].iter().zip(&self.runs[cluster].layout.held);
+        let found = held.find(|(_, p)| p.port == port).and_then(|(h, _)| h.next);
+        found.map_or_else(|| self.held_at(open), |v| self.scene.open[open].sign() * v)
     }
 
     /// What a sampled cluster could give back of what it was given, J: what it stores, and what it dissipated and keeps

@@ -99,6 +99,8 @@ pub struct RegionSummary {
     pub order: u32,
     /// The hold, of a sampled region.
     pub hold: Option<Cow<'static, str>>,
+    /// How long after a sample what was found there is held, s.
+    pub latency: f64,
     /// Steps done.
     pub steps: u64,
     /// Attempts at adaptive steps that were not kept.
@@ -166,6 +168,10 @@ pub struct BarSummary {
     pub other: f64,
     /// Largest difference at a sample of the holder; the invariant is exactly 0.
     pub difference: f64,
+    /// In what steps the holder reads the motion of the other side, SI; 0 where it does so exactly.
+    pub resolution: f64,
+    /// What a device that counts the energy by those steps is wrong by in an interval, at most, J.
+    pub miscounted: f64,
 }
 
 /// The whole ledger at one instant.
@@ -326,6 +332,7 @@ impl Simulation<'_> {
             why: c.step.why.clone(),
             order: c.step.properties.order,
             hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
+            latency: c.latency,
             steps: run.steps,
             rejected: control.map_or(0, |k| k.rejected),
             events: control.map_or(0, |k| k.events),
@@ -376,12 +383,16 @@ impl Simulation<'_> {
     fn bars(&self) -> Vec<BarSummary> {
         let bar = |bar: &Bar| {
             let Run { layout, ledger, .. } = &self.runs[bar.holder.0];
-            let counts = layout.held.iter().find(|p| p.port == bar.holder.1)?.counts.as_ref()?;
+            let mut held = layout.held.iter().zip(&self.held[bar.holder.0]);
+            let (places, held) = held.find(|(p, _)| p.port == bar.holder.1)?;
+            let counts = places.counts.as_ref()?;
             Some(BarSummary {
                 name: bar.name.clone(),
                 holder: ledger.sum(counts.holder),
                 other: ledger.sum(counts.other),
                 difference: ledger.get(counts.difference),
+                resolution: bar.resolution,
+                miscounted: bar.resolution * held.encoder.most,
             })
         };
         self.scene.bars.iter().filter_map(bar).collect()

@@ -232,6 +232,19 @@ impl Plan {
                 c.name
             ));
         }
+        if let Some(c) = scene.clusters.iter().find(|c| c.latency > 0.0) {
+            return Err(format!(
+                "`{}` has a latency: such scenes have no compiled form; leave it to the program that calls, and take it out here, or take --emit exe",
+                c.name
+            ));
+        }
+        let open = scene.open.iter().map(|o| (&o.name, o.resolution));
+        let mut read = scene.bars.iter().map(|b| (&b.name, b.resolution)).chain(open);
+        if let Some((name, _)) = read.find(|(_, resolution)| *resolution > 0.0) {
+            return Err(format!(
+                "the motion at `{name}` is read in steps: such scenes have no compiled form; take the resolution out, or take --emit exe"
+            ));
+        }
         let (mut ratio, mut steps) = (Vec::new(), Vec::new());
         for (c, s) in scene.clusters.iter().zip(&start.clusters) {
             let period = c.period.unwrap_or(interval);

@@ -71,6 +71,7 @@ pub(crate) fn build(
         name: c.name(form),
         period: sampling.as_ref().map(|s| s.period),
         hold: hold.map_or("", Hold::name).into(),
+        latency: sampling.as_ref().map_or(0.0, |s| s.latency),
         budget: sampling.as_ref().is_some_and(|s| s.budget),
         states,
         integrals: c.integrals.len(),
