@@ -48,8 +48,9 @@ impl Holder<'_> {
 
     /// What the free response of a port in the next interval is predicted to be, from the samples alone: by the
     /// autoregressive model of what the other side has in it, from one interval to the next. From where enough
-    /// intervals are known it is a model of the changes, so that a constant push drops out; what was held before has
-    /// its own effect. Before there are enough intervals no push is known, and at first no motion but the last.
+    /// intervals are known it is a model of the second differences, so that a push that changes evenly drops out; what
+    /// was held before has its own effect. Before there are enough, it is one of the differences, or of the free
+    /// responses themselves, and at first no motion is known but the last.
     pub fn predicted<M: Machine, K: Responses<M>>(&self, m: M, k: K, port: usize) -> M::Number {
         let (h, n) = (&self.layout.held[port], self.ports());
         let known = k.ar_order(self.cluster, port);
@@ -59,32 +60,38 @@ impl Holder<'_> {
             Some(_) => m.known(true),
             None => m.number(p as f64).below(order),
         };
-        // What that which was held will do, by the interval it was held in, or what its changes will.
-        let effect = |p: usize, changes: bool| {
+        // A number of some interval and its differences, from those of that one and the two before it.
+        let differences = |x: &dyn Fn(usize) -> M::Number| {
+            let [now, before, first] = [x(0), x(1), x(2)];
+            let change = now - before;
+            [now, change, change - (before - first)]
+        };
+        // What that which was held will do, by the interval it was held in, and what its changes will.
+        let effects = |p: usize| {
             let held = self.layout.held.iter().enumerate();
-            held.fold(m.number(-0.0), |sum, (j, h)| {
-                let mut x = k.load(h.before.plus(p));
-                if changes {
-                    x = x - k.load(h.before.plus(p + 1));
-                }
-                sum + k.response(self.cluster, DelayedResponse, (p * n + port) * n + j) * x
+            held.fold([m.number(-0.0); 3], |sums, (j, h)| {
+                let response = k.response(self.cluster, DelayedResponse, (p * n + port) * n + j);
+                let held = differences(&|more| k.load(h.before.plus(p + more)));
+                std::array::from_fn(|d| sums[d] + response * held[d])
             })
         };
-        let free = |p: usize| k.load(h.free_response.plus(p));
-        let (zero, intervals, last) = (m.number(0.0), k.load(h.intervals), free(0));
-        let first = effect(0, false);
-        let mut plain = (weight(0) * last, first);
-        let mut later = (last + weight(0) * (last - free(1)), effect(0, true));
+        let free = |p: usize| differences(&|more| k.load(h.free_response.plus(p + more)));
+        let (zero, one, intervals, last) = (m.number(0.0), m.number(1.0), k.load(h.intervals), free(0));
+        let first = effects(0);
+        let mut sums: [_; 3] = std::array::from_fn(|d| (weight(0) * last[d], first[d]));
         for p in 1..known.unwrap_or(AR_ORDER) {
-            let counts = counts(p);
-            for (sums, x, changes) in [(&mut plain, free(p), false), (&mut later, free(p) - free(p + 1), true)] {
-                let more = (sums.0 + weight(p) * x, sums.1 + effect(p, changes));
+            let (counts, free, effects) = (counts(p), free(p), effects(p));
+            for (d, sums) in sums.iter_mut().enumerate() {
+                let more = (sums.0 + weight(p) * free[d], sums.1 + effects[d]);
                 *sums = (m.select(counts.clone(), more.0, sums.0), m.select(counts.clone(), more.1, sums.1));
             }
         }
-        let mut some = m.select(intervals.equals(order), plain.0 - plain.1, later.0 - later.1);
+        let [plain, steady, even] = sums.map(|(follows, effect)| follows - effect);
+        let [plain, steady, even] = [plain, last[0] + steady, last[0] + last[1] + even];
+        let mut some = m.select(intervals.equals(order + one), steady, even);
+        some = m.select(intervals.equals(order), plain, some);
         if known != Some(1) {
-            let crude = weight(AR_ORDER) * last - first;
+            let crude = weight(AR_ORDER) * last[0] - first[0];
             some = m.select(intervals.below(order), crude, some);
         }
         m.select(intervals.equals(zero), zero, some)
@@ -175,9 +182,9 @@ pub fn note<M: Machine, K: Memory<M>>(m: M, k: K, h: &HeldPlaces, free_response:
     k.store(h.intervals, k.load(h.intervals) + m.number(1.0));
 }
 
-/// Puts a number before [`AR_ORDER`] others; the one after them is dropped.
+/// Puts a number before the others that are kept; the last one is dropped.
 fn shift<M: Machine, K: Memory<M>>(k: K, at: Place, x: M::Number) {
-    for p in (0..AR_ORDER).rev() {
+    for p in (0..=AR_ORDER).rev() {
         k.store(at.plus(p + 1), k.load(at.plus(p)));
     }
     k.store(at, x);

@@ -169,7 +169,7 @@ pub struct HeldPlaces {
     pub w: Place,
     /// The answer of the last interval.
     pub last_q: Place,
-    /// The free responses of the last intervals, the last one first: one more than [`AR_ORDER`].
+    /// The free responses of the last intervals, the last one first: two more than [`AR_ORDER`].
     pub free_response: Place,
     /// What was held in them.
     pub before: Place,
@@ -299,8 +299,8 @@ impl Taking {
             q: self.take(1),
             w: self.take(1),
             last_q: self.take(1),
-            free_response: self.take(AR_ORDER + 1),
-            before: self.take(AR_ORDER + 1),
+            free_response: self.take(AR_ORDER + 2),
+            before: self.take(AR_ORDER + 2),
             intervals: self.take(1),
             crossed: self.take(1),
             counts: self.detail.then(|| CountPlaces {

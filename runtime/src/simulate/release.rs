@@ -403,13 +403,15 @@ impl Simulation<'_> {
         let mut ends =
             [self.left_at(group, account, low), self.left_at(group, account, high)].map(|x| x.unwrap_or(-1.0));
         for round in 0..ROUNDS {
+            // Who has nothing to give, and is given something first, lets go where that is drawn again.
+            let is_given = self.drawn(group, account, low)[1] > 0.0;
             let closest = 4.0 * f64::EPSILON * high.abs();
-            if high - low <= closest || (0.0..=slack(self, account)).contains(&ends[0]) {
+            if high - low <= closest || (!is_given && (0.0..=slack(self, account)).contains(&ends[0])) {
                 break;
             }
             let secant = low + (high - low) * ends[0] / (ends[0] - ends[1]);
             let middle = 0.5 * (low + high);
-            let t = if round % 3 < 2 && secant > low && secant < high { secant } else { middle };
+            let t = if !is_given && round % 3 < 2 && secant > low && secant < high { secant } else { middle };
             if t <= low || t >= high {
                 break;
             }

@@ -118,7 +118,7 @@ impl Simulation<'_> {
         let (p, ledger) = (self.held_places(i, k), &self.runs[i].ledger);
         let mean = ledger.get(p.q) / (f64::from(gap) + 1.0);
         let free_response = mean + holder.yielded_now(Real::new(), sampling, k);
-        for n in 0..=AR_ORDER {
+        for n in 0..AR_ORDER + 2 {
             ledger.set(p.free_response.plus(n), free_response);
             ledger.set(p.before.plus(n), ledger.get(p.v));
         }
