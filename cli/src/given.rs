@@ -41,10 +41,11 @@ impl Given {
     /// # Errors
     /// The line that is wrong, and what is wrong with it.
     pub fn read(text: &str, known: &[&str]) -> Result<Self, TableError> {
-        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        // A mark of the byte order stands wherever tables were put together, and is a blank.
+        let is_blank = |c: char| c.is_whitespace() || c == '\u{feff}';
         let is_row = |row: &(usize, &str)| !row.1.is_empty() && !row.1.starts_with('#');
         let rows: Vec<(usize, &str)> =
-            text.lines().enumerate().map(|(i, l)| (i + 1, l.trim())).filter(is_row).collect();
+            text.lines().enumerate().map(|(i, l)| (i + 1, l.trim_matches(is_blank))).filter(is_row).collect();
         let Some(&(head, first)) = rows.first() else { return wrong(1, "the table is empty; it begins with `t,...`") };
         // Quotes are closed in their line, so that a record is a line.
         let (mut lines, mut unquoted) = (String::new(), Ok(()));
@@ -59,7 +60,9 @@ impl Given {
             lines.push('\n');
         }
         let mut reader = csv::ReaderBuilder::new();
-        let reader = reader.has_headers(false).flexible(true).trim(csv::Trim::All).from_reader(lines.as_bytes());
+        // A carriage return within a line ends no record.
+        let reader = reader.has_headers(false).flexible(true).terminator(csv::Terminator::Any(b'\n'));
+        let reader = reader.trim(csv::Trim::All).from_reader(lines.as_bytes());
         let mut records = rows.iter().zip(reader.into_records()).map(|((line, _), record)| match record {
             Ok(record) => Ok((*line, record.iter().map(str::to_string).collect::<Vec<_>>())),
             Err(e) => wrong(*line, e.to_string()),
@@ -216,6 +219,9 @@ mod tests {
             ("t,u\n0,1\"2\"\n", 2, "quotes enclose a whole cell"),
             ("t,u\n0,\"1\"\"\n", 2, "a quote is not closed"),
             ("t,u\n0,\"1\"\"2\"\n", 2, "is not a number"),
+            ("t,u\n0,1\r1,2\n2,3\n3,4\n", 2, "has 3 numbers"),
+            ("t,u\r0,1\n1,2\n", 1, "no input"),
+            ("#\n\u{feff}\n\u{feff}t,u\n0,x\n", 4, "is not a number"),
             (
                 "t,u\n0,1e308\n\n1,-1e308\n",
                 4,

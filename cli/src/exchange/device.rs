@@ -68,7 +68,12 @@ impl Device {
         let others = || (0..e.ports.min(dq.len())).filter(|i| e.group[*i] == e.group[port]);
         let given: f64 = others().map(|i| self.effort(i, now) * dq[i]).sum();
         let left = others().map(|i| self.w[i]).sum::<f64>() - e.limit[port];
-        if given >= 0.0 || left + given >= 0.0 { 1.0 } else { (left / -given).clamp(0.0, 1.0) }
+        if given >= 0.0 || left + given >= 0.0 {
+            return 1.0;
+        }
+        // Of energies that overflow nothing is drawn.
+        let part = left / -given;
+        if part > 0.0 { part.min(1.0) } else { 0.0 }
     }
 
     /// Counts a movement of all ports and the efforts that they met.
@@ -96,5 +101,22 @@ impl Device {
             q: self.q,
             w: self.w,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_is_a_number_though_energies_overflow() {
+        let mut device = Device::new(2);
+        let mut effort = Effort { session: 1, ports: 2, lasts: 1.0, ..Effort::default() };
+        (effort.v[0], effort.v[1]) = (f64::MAX, -f64::MAX);
+        assert!(device.receive(&effort, 0.0));
+        for dq in [[10.0, 10.0], [-10.0, 10.0], [f64::NAN, 0.0]] {
+            assert_eq!(device.part(0, &dq, 0.0), 0.0, "{dq:?}");
+        }
+        assert_eq!(device.part(0, &[10.0, -10.0], 0.0), 1.0);
     }
 }

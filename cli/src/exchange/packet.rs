@@ -236,7 +236,8 @@ impl Effort {
         w.seal()
     }
 
-    /// Reads one; `None` for anything else.
+    /// Reads one; `None` for anything else, and for numbers by which nothing can be held. A limit may be infinite, where
+    /// nothing bounds what is drawn.
     pub fn read(bytes: &[u8]) -> Option<Self> {
         let (mut r, ports) = body(bytes, EFFORT, effort_length)?;
         let [session, sequence] = [(); 2].map(|()| u64::from_le_bytes(r.take()));
@@ -245,7 +246,9 @@ impl Effort {
         let mut group = [0; PORTS];
         group.iter_mut().take(ports).for_each(|g| *g = u64::from_le_bytes(r.take()));
         let status = u32::from_le_bytes(r.take());
-        Some(Self { session, sequence, time, lasts, stored, status, ports, v, limit, group })
+        let held = v.iter().chain([&time, &lasts]).all(|x| x.is_finite());
+        let sound = held && !limit.iter().chain([&stored]).any(|x| x.is_nan());
+        sound.then_some(Self { session, sequence, time, lasts, stored, status, ports, v, limit, group })
     }
 }
 
@@ -287,6 +290,24 @@ mod tests {
             assert_eq!(n, effort_length(ports));
             assert_eq!(Effort::read(&buffer[..n]), Some(e));
             assert_eq!(Measurement::read(&buffer[..n]), None);
+        }
+    }
+
+    /// By a number that is none an effort would never end, or would be no effort.
+    #[test]
+    fn efforts_that_cannot_be_held_are_none() {
+        let mut buffer = [0; LONGEST];
+        let mut reads = |change: fn(&mut Effort, f64), x: f64| {
+            let mut e = Effort { session: 1, ports: 2, lasts: 0.1, ..Effort::default() };
+            change(&mut e, x);
+            let n = e.write(&mut buffer);
+            Effort::read(&buffer[..n]) == Some(e)
+        };
+        for change in [|e: &mut Effort, x| e.v[1] = x, |e: &mut Effort, x| e.lasts = x, |e: &mut Effort, x| e.time = x] {
+            assert!(reads(change, 1.0) && !reads(change, f64::NAN) && !reads(change, f64::INFINITY));
+        }
+        for change in [|e: &mut Effort, x| e.limit[1] = x, |e: &mut Effort, x| e.stored = x] {
+            assert!(reads(change, f64::NEG_INFINITY) && !reads(change, f64::NAN));
         }
     }
 }
