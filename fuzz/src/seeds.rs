@@ -3,9 +3,6 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Bytes of the largest text that is a seed.
-const LONGEST: usize = 3000;
-
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
@@ -26,11 +23,11 @@ pub fn write(target: &str, list: impl IntoIterator<Item = (String, Vec<u8>)>) {
     }
 }
 
-/// The short models of a folder: name and text.
+/// The models of a folder that have so many bytes at most: name and text.
 ///
 /// # Panics
 /// If there is no such folder.
-pub fn models(folder: &str) -> Vec<(String, String)> {
+pub fn models(folder: &str, longest: usize) -> Vec<(String, String)> {
     let path = root().join("models").join(folder);
     let entries = fs::read_dir(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let mut list: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -40,5 +37,5 @@ pub fn models(folder: &str) -> Vec<(String, String)> {
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         Some((format!("{folder}-{name}"), fs::read_to_string(path).ok()?))
     };
-    list.iter().filter_map(text).filter(|(_, text)| text.len() <= LONGEST).collect()
+    list.iter().filter_map(text).filter(|(_, text)| text.len() <= longest).collect()
 }

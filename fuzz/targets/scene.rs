@@ -14,7 +14,7 @@ use bond_runtime::scene::{Respond, Scene};
 use bond_runtime::simulate::{self, Simulation};
 use libfuzzer_sys::fuzz_target;
 
-/// Bytes of the largest scene that is a seed.
+/// Bytes of the largest scene that is a seed, and of the longest text that it is made of.
 const LONGEST: usize = 6000;
 /// Numbers in all arrays of the largest scene that runs.
 const MOST: usize = 20_000;
@@ -82,7 +82,7 @@ fn run(scene: &Scene, fitted: bool) {
 
 fuzz_target!(
     init: {
-        let models = ["elements", "examples"].into_iter().flat_map(seeds::models);
+        let models = ["elements", "examples"].into_iter().flat_map(|folder| seeds::models(folder, LONGEST));
         let own = scenes::ALL.iter().enumerate().map(|(i, text)| (format!("scene-{i}"), (*text).to_string()));
         let compiled = models.chain(own).filter_map(|(name, text)| {
             let compiled = Options::new().compile_str("scene.bond", text).ok()?;

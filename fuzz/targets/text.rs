@@ -14,6 +14,8 @@ use bond_runtime::scene::Scene;
 use libfuzzer_sys::{fuzz_mutator, fuzz_target};
 use std::sync::OnceLock;
 
+/// Bytes of the longest text that is a seed.
+const LONGEST: usize = 1500;
 /// Of so many texts one is compiled a second time.
 const COMPILED_TWICE: u64 = 16;
 
@@ -81,7 +83,7 @@ fn bytes(compiled: &Compiled) -> Vec<u8> {
 fuzz_target!(
     init: {
         let folders = ["classics", "components", "elements", "examples", "hard", "invalid", "library"];
-        let list = folders.into_iter().flat_map(seeds::models);
+        let list = folders.into_iter().flat_map(|folder| seeds::models(folder, LONGEST));
         seeds::write("text", list.map(|(name, text)| (name, text.into_bytes())));
     },
     |data: &[u8]| {

@@ -14,6 +14,7 @@ is not there.
 import argparse
 import hmac
 import json
+import math
 import random
 import socket
 import struct
@@ -40,6 +41,8 @@ def unpack_effort(data):
     limit = struct.unpack_from(f"<{n}d", data, 48 + 8 * n)
     group = struct.unpack_from(f"<{n}Q", data, 48 + 16 * n)
     status = struct.unpack_from("<I", data, 48 + 24 * n)[0]
+    if not all(math.isfinite(x) for x in (lasts, *v)) or any(math.isnan(x) for x in limit):
+        return None
     return {"session": session, "sequence": sequence, "lasts": lasts, "v": v, "limit": limit, "group": group, "status": status}
 
 

@@ -317,8 +317,9 @@ fn function(line: &str) -> Option<(&str, usize)> {
 #[test]
 fn no_function_is_too_long_to_be_read() {
     let mut report = String::new();
-    for (folder, _) in PACKAGES {
-        for path in files(&root().join(folder).join("src")) {
+    let packages = PACKAGES.map(|(folder, _)| format!("{folder}/src"));
+    for folder in packages.iter().map(String::as_str).chain(["fuzz/src", "fuzz/targets"]) {
+        for path in files(&root().join(folder)) {
             let text = read(&path);
             let lines: Vec<&str> = text.lines().collect();
             for (i, line) in lines.iter().enumerate() {
@@ -339,7 +340,7 @@ fn no_function_is_too_long_to_be_read() {
 #[test]
 fn comments_have_short_lines() {
     let mut report = String::new();
-    for folder in ["grammar", "runtime", "compiler", "cli", "tests"] {
+    for folder in ["grammar", "runtime", "compiler", "cli", "tests", "fuzz"] {
         for path in files(&root().join(folder)) {
             let name = path.strip_prefix(root()).unwrap_or(&path).display().to_string();
             if name.contains("/target/") {
