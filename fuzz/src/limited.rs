@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Runs of programs that a simulation has.
-const RUNS: u64 = 20_000;
+const RUNS: u64 = 3000;
 
 /// A back end whose kernels fail after so many runs of them all.
 pub struct Limited(Arc<AtomicU64>);

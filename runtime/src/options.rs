@@ -20,6 +20,47 @@ pub struct NumericOptions {
     pub events: EventOptions,
 }
 
+/// More than so many of anything are no count.
+const MOST: u32 = 1_000_000;
+
+/// Whether numbers are parts or sizes: finite, and not below 0.
+fn are_sizes(list: &[f64]) -> bool {
+    list.iter().all(|x| x.is_finite() && *x >= 0.0)
+}
+
+/// Whether numbers make shorter what they are multiplied with, and leave something of it.
+fn make_shorter(list: &[f64]) -> bool {
+    list.iter().all(|x| *x > 0.0 && *x < 1.0)
+}
+
+impl NumericOptions {
+    /// Whether a run with them comes to an end: what is to be tried again becomes shorter, and counts are not endless.
+    pub fn is_sound(&self) -> bool {
+        let Self { controller: c, error: e, events: v } = self;
+        let counts = [c.max_crawling, c.crawl_refund, c.max_own_failures, c.max_missed, v.max_chatter];
+        let looks = [e.looks, e.exponential_looks, e.missed_looks];
+        let bounded = counts.iter().all(|n| *n <= MOST)
+            && c.max_crawling.checked_mul(c.crawl_refund).is_some_and(|n| n < u32::MAX - MOST)
+            && looks.iter().all(|n| u32::try_from(*n).is_ok_and(|n| n <= MOST));
+        bounded
+            && make_shorter(&[c.safety, c.max_shrink, c.failure_shrink, e.look_shrink])
+            && are_sizes(&[
+                c.max_growth,
+                c.error_exponent,
+                c.previous_error_exponent,
+                c.min_previous_error,
+                c.min_error,
+            ])
+            && are_sizes(&[c.first_step, c.period_fraction, c.time_resolution, c.min_step, c.min_step_exponential])
+            && are_sizes(&[c.fresh_step, c.crawl, c.endless, c.balance_decay, c.phase_start, c.overshoot_min])
+            && are_sizes(&[c.overshoot_max, c.overshoot_drift, c.min_event_cut, c.retarget_distance])
+            && are_sizes(&[c.brief_event_step, e.state_floor, e.faintest_change, e.max_state_growth])
+            && are_sizes(&[e.max_first_move, e.thrown_ratio, e.missed_move])
+            && are_sizes(&[v.start, v.peek, v.slow_round, v.noise_floor, v.min_jump, v.max_gap])
+            && are_sizes(&[v.approach, v.touch, v.min_pivot])
+    }
+}
+
 /// The step size controller. The *usual step* is the step that a run takes where nothing else is given: a hundredth of
 /// it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -278,6 +319,15 @@ pub struct NewtonOptions {
     pub beyond_knee: f64,
     /// Of the chord start.
     pub chord: ChordOptions,
+}
+
+impl NewtonOptions {
+    /// Whether an iteration with them comes to an end soon.
+    pub fn is_sound(&self) -> bool {
+        let counts =
+            [self.stretches, self.doublings, self.stalls, self.patience, self.halvings, self.damped, self.grace];
+        counts.iter().chain([&self.looks]).all(|n| *n <= MOST)
+    }
 }
 
 /// What the chord start goes by; [`crate::solve::iteration::chord`] says where each is used.

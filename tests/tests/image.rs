@@ -4,7 +4,8 @@ use crate::common::{all_scenes, file, start, stop};
 use bond::internal::{CompiledInternals, SimulationInternals, StepsInternals};
 use bond::{Compiled, Options, Simulation, Steps};
 use bond_runtime::envelope::{HEAD, Kind, digest};
-use bond_runtime::ir::Program;
+use bond_runtime::ir::{Inst, Program};
+use bond_runtime::options::NumericOptions;
 use bond_runtime::scene::{Respond, Scene};
 use bond_runtime::{Interpreter, simulate};
 use std::fmt::Write;
@@ -94,6 +95,27 @@ fn no_bytes_make_it_panic() {
         }
     }
     assert!(refused > 1000 && sound > 100, "{refused} were refused and {sound} were sound");
+}
+
+/// Numbers by which steps would be tried again for ever, or counted until the count has no room, are refused.
+#[test]
+fn a_run_by_its_numbers_has_an_end() {
+    let compiled = file(&crate::common::models().join("examples").join("pendulum.bond"), Options::new());
+    let reads = |change: fn(&mut NumericOptions)| {
+        let mut scene = compiled.scene().clone();
+        change(&mut scene.numeric);
+        let bytes = scene.to_bytes().unwrap_or_else(|e| panic!("{e}"));
+        Scene::from_bytes(&bytes).is_ok()
+    };
+    assert!(reads(|_| ()) && reads(|n| n.controller.failure_shrink = 0.5));
+    assert!(!reads(|n| n.controller.failure_shrink = 1.0) && !reads(|n| n.controller.safety = f64::NAN));
+    assert!(!reads(|n| n.controller.max_crawling = u32::MAX) && !reads(|n| n.error.looks = -1));
+    assert!(!reads(|n| n.events.max_gap = f64::INFINITY));
+    let mut scene = compiled.scene().clone();
+    let body = &mut scene.clusters[0].step.program.body;
+    let newton = body.iter_mut().find_map(|inst| if let Inst::Newton(n) = inst { Some(n) } else { None });
+    newton.unwrap_or_else(|| panic!("no iteration")).limit = u32::MAX;
+    assert!(scene.validate().is_err());
 }
 
 /// Iterations inside iterations without end are refused before they exhaust the stack.

@@ -303,7 +303,8 @@ mod tests {
             let n = e.write(&mut buffer);
             Effort::read(&buffer[..n]) == Some(e)
         };
-        for change in [|e: &mut Effort, x| e.v[1] = x, |e: &mut Effort, x| e.lasts = x, |e: &mut Effort, x| e.time = x] {
+        for change in [|e: &mut Effort, x| e.v[1] = x, |e: &mut Effort, x| e.lasts = x, |e: &mut Effort, x| e.time = x]
+        {
             assert!(reads(change, 1.0) && !reads(change, f64::NAN) && !reads(change, f64::INFINITY));
         }
         for change in [|e: &mut Effort, x| e.limit[1] = x, |e: &mut Effort, x| e.stored = x] {

@@ -8,6 +8,8 @@ use thiserror::Error;
 
 /// More numbers than this in one array are no scene.
 const MOST: usize = 1 << 26;
+/// Nor is an iteration that may go round more often.
+const MOST_ITERATIONS: u32 = 100_000;
 
 /// What is wrong with a scene. Such a scene is a mistake of whoever made it, never of a user.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -33,6 +35,9 @@ impl Scene {
             Check { scene: self, c }.cluster()?;
         }
         let wrong = |name: &str, what| Err(Unsound::Reference(name.to_string(), what));
+        if !self.numeric.is_sound() {
+            return wrong(&self.name, "by its numbers a run may have no end");
+        }
         let n = self.clusters.len();
         for r in &self.regions {
             if r.cluster >= n {
@@ -113,7 +118,18 @@ fn sound(p: &Program) -> Result<(), Unsound> {
     if large || p.values as usize > values(&p.body) {
         return Err(Unsound::Sizes(p.name.clone(), "arrays are too large"));
     }
+    if !ends(&p.body) {
+        return Err(Unsound::Sizes(p.name.clone(), "iterations have no end"));
+    }
     p.verify().map_err(|e| Unsound::Program(p.name.clone(), e))
+}
+
+/// Whether all iterations of a body come to an end soon.
+fn ends(body: &[Inst]) -> bool {
+    body.iter().all(|inst| match inst {
+        Inst::Newton(newton) => newton.limit <= MOST_ITERATIONS && newton.options.is_sound() && ends(&newton.body),
+        Inst::Let(..) | Inst::Store(..) | Inst::Solve(_) | Inst::MatVec { .. } | Inst::Quad { .. } => true,
+    })
 }
 
 /// How many values a body defines.
