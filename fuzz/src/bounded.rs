@@ -14,6 +14,8 @@ pub const GRAIN: f64 = 256.0 * f64::EPSILON;
 const WRITTEN: f64 = 2.0 * GRAIN;
 /// Numbers whose products and quotients neither overflow nor lose digits.
 const USUAL: std::ops::Range<f64> = 1e-100..1e100;
+/// The largest exponent for which the factors of a base may be raised one by one.
+const LARGEST_EXPONENT: f64 = 100.0;
 /// The largest part of a number, or of what a function turns by, for which its slope tells what it is off by.
 const SMALL: f64 = 0.05;
 
@@ -91,6 +93,9 @@ fn div(a: Bounded, b: Bounded) -> Bounded {
 
 fn pow(a: Bounded, b: Bounded) -> Bounded {
     let is_whole = b.at == b.at.trunc() && b.off <= WRITTEN * b.at.abs() && b.at.abs() < 1e6;
+    if b.at.abs() > LARGEST_EXPONENT {
+        return Bounded::UNKNOWN;
+    }
     let r = eval::binary(Binary::Pow, a.at, b.at);
     let size = Bounded { at: a.at.abs(), off: a.off };
     // Where the slope has no bound, nothing is said.
