@@ -236,8 +236,8 @@ impl Effort {
         w.seal()
     }
 
-    /// Reads one; `None` for anything else, and for numbers by which nothing can be held. A limit may be infinite, where
-    /// nothing bounds what is drawn.
+    /// Reads one; `None` for anything else, and for numbers by which nothing can be held. A limit may be infinite:
+    /// nothing bounds then what is drawn.
     pub fn read(bytes: &[u8]) -> Option<Self> {
         let (mut r, ports) = body(bytes, EFFORT, effort_length)?;
         let [session, sequence] = [(); 2].map(|()| u64::from_le_bytes(r.take()));
