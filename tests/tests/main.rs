@@ -36,6 +36,7 @@ mod orders;
 mod parse;
 mod program;
 mod random;
+mod real_loops;
 mod reduction;
 mod roots;
 mod rows;
