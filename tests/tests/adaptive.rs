@@ -750,6 +750,8 @@ fn a_run_that_fails_ends_where_it_got_to() {
     assert!(summary.passive, "{:?}", summary.reasons);
     let region = &summary.regions[0];
     assert!(region.h_final < 1e-9 && (region.dissipated - 0.5).abs() < 1e-9, "{region:?}");
+    // Steps across the jump have no solution, and each of them counts.
+    assert!(region.rejected >= 5, "{region:?}");
 }
 
 /// Good steps may be as short beside a run as they need to be, up to 1e10 of them.
@@ -827,5 +829,25 @@ fn counters_of_what_rests() {
             close(probe(&mut sim, "way"), 1.0 / 3.0, 1e-5, &format!("{counter} to {tolerance}"));
             assert!(sim.summary().passive, "{counter} to {tolerance}: {:?}", sim.summary().reasons);
         }
+    }
+}
+
+/// An integral of next to nothing that swings fast is as exact as any: p' = -p, and the integral of p sin(200 t).
+#[test]
+fn integrals_of_next_to_nothing_are_exact() {
+    for speed in [1.0, 1e-9, 1e-18] {
+        let compiled = text(&format!(
+            "model Small {{
+  I:m {{ inertia = 1 kg; f0 = {speed:e} m/s }}
+  R:r = 1 N*s/m
+  1:v -> m, r
+  probe w = integral(m.f*sin(200 rad/s * t), 0 m)
+}}"
+        ));
+        let (rate, stop) = (200.0f64, 3.0f64);
+        let (sin, cos) = (rate * stop).sin_cos();
+        let wanted = (rate - (-stop).exp() * (sin + rate * cos)) / (1.0 + rate * rate);
+        let found = end(&compiled, Steps::tolerance(1e-6), stop, "w") / speed;
+        close(found, wanted, 1e-5 / rate, &format!("from {speed:e} m/s"));
     }
 }

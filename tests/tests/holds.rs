@@ -813,3 +813,29 @@ fn what_friction_holds_answers_as_what_slides() {
         close(ends[0], ends[1], 1e-4, &format!("{friction} N, {stiffness} N/m"));
     }
 }
+
+/// Fixed steps are laid between the samples of all clocks: of intervals of 3, 2, 1, 3, 1, 2 and 3 ms, those of 3 ms
+/// have two steps where none may be longer than 2 ms. They end at the samples, so that shorter ones change little.
+#[test]
+fn steps_are_laid_between_all_samples() {
+    let compiled = with(
+        Options::new().method("gonzalez"),
+        "model Laid {
+  I:m { inertia = 1 kg; f0 = 1 m/s }
+  1:v -> m
+  sampled every 3 ms budget off { C:a { stiffness = 10 N/m }  1:p -> a }
+  sampled every 5 ms budget off { C:b { stiffness = 20 N/m }  1:w -> b }
+  v ||> p
+  v ||> w
+  probe x = m.f
+}",
+    );
+    let ends = [2e-3, 1e-4].map(|step| {
+        let mut sim = start(&compiled, Steps::fixed(step));
+        finish(&mut sim, 0.15);
+        let steps = sim.summary().regions.iter().find(|r| r.period.is_none()).expect("the mass has a ledger").steps;
+        (probe(&mut sim, "x"), steps)
+    });
+    assert_eq!([ends[0].1, ends[1].1], [100, 1500]);
+    close(ends[0].0, ends[1].0, 1e-6, "the speed after 0.15 s");
+}

@@ -191,6 +191,11 @@ fn an_active_resistor_on_a_capacitor() {
     );
     let u = crate::common::end(&compiled, Steps::fixed(0.01), 1.0, "u");
     crate::common::close(u, 1f64.exp(), 1e-12, "u");
+    // It is named with what it gave: H = 1/2 C u^2 from 0.25 J on.
+    let mut sim = start(&compiled, Steps::fixed(0.01));
+    finish(&mut sim, 1.0);
+    let gave = 0.25 * (2f64.exp() - 1.0);
+    assert_eq!(sim.summary().reasons, [format!("active `source`, which gave {gave:.3e} J")]);
 }
 
 /// The same with linear elements alone: two springs that all but balance, at rest.

@@ -130,6 +130,30 @@ fn what_it_keeps_does_not_drift_from_the_energy() {
     );
 }
 
+/// Relative numbers are beside the largest energy there, and the same of a large pendulum and of a small one.
+#[test]
+fn relative_numbers_have_no_scale() {
+    let relative = |scale: f64| {
+        let compiled = with(
+            options(),
+            &format!(
+                "model Swing {{
+                   I:m {{ inertia = {scale:e} kg; f0 = 1.5 m/s }}
+                   C:g {{ H = {scale:e} J*(1 - cos(q/(1 m))) }}
+                   1:v -> m, g
+                 }}"
+            ),
+        );
+        let region = last(&compiled, 0.05, 20.0).1.regions.swap_remove(0);
+        let modified = region.modified.expect("it keeps an energy of its own");
+        assert!(modified.relative > 1e-9 && (region.h_max / scale - 1.125).abs() < 1e-2, "{region:?}");
+        assert!((modified.relative * region.h_max / modified.max_difference - 1.0).abs() < 1e-12, "{region:?}");
+        modified.relative
+    };
+    let found = [1.0, 1e-9, 1e9].map(relative);
+    assert!(found.iter().all(|x| (x / found[0] - 1.0).abs() < 1e-3), "{found:?}");
+}
+
 /// However far what it keeps went from H on the way, a force at rest is what the law says.
 #[test]
 fn at_rest_forces_are_right() {

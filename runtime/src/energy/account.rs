@@ -224,3 +224,108 @@ fn note_error<M: Machine, K: Memory<M>>(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Booking, DetailPlaces, Ledger};
+    use super::*;
+    use crate::machine::Real;
+    use crate::scene::Produced;
+    use std::cell::Cell;
+
+    fn at(at: usize) -> Place {
+        Place { cluster: 0, at }
+    }
+
+    /// An account without what a run keeps besides.
+    fn places() -> AccountPlaces {
+        AccountPlaces {
+            first: at(0),
+            h: at(0),
+            h_initial: at(1),
+            h_max: at(2),
+            supplied: at(3),
+            dissipated: at(5),
+            leaked: at(7),
+            residual: at(9),
+            worst: ErrorPlaces::Ratio(at(10)),
+            turnover_max: at(11),
+            size_max: at(12),
+            stored: at(13),
+            debt_max: at(14),
+            gained: ErrorPlaces::Ratio(at(15)),
+            h_top: at(16),
+            h_least: at(17),
+            work: None,
+            absorbed: None,
+            detail: None,
+        }
+    }
+
+    /// What a run keeps besides.
+    fn detail() -> DetailPlaces {
+        DetailPlaces {
+            stored_max: at(20),
+            crossed_max: at(21),
+            relative_debt: at(22),
+            leaps: at(23),
+            most_negative_resistor: at(24),
+            second_law_violation: ErrorPlaces::Ratio(at(26)),
+            modified: at(27),
+            energy_excess: at(29),
+            sources: at(31),
+            resistors: at(33),
+            produced: at(35),
+        }
+    }
+
+    /// Books a step with these outputs in a region that had nothing.
+    fn book(e: &Entries, p: &AccountPlaces, output: &[f64]) -> Ledger {
+        let mut ledger = Ledger::default();
+        ledger.numbers.resize(40, Cell::new(0.0));
+        let booking = Booking { ledger: &ledger, output };
+        assert!(book_step(Real::new(), booking, e, p, (false, false)).is_ok());
+        ledger
+    }
+
+    /// 2 J are put in, and the energy that is kept is as much. Where H is 3 J, what it is above that counts beside what
+    /// was given.
+    #[test]
+    fn what_is_given_excuses_an_energy_that_is_too_large() {
+        let p = AccountPlaces { detail: Some(detail()), ..places() };
+        let supplied = vec![("push".into(), 1)];
+        let e = Entries { modified: Some(2), faintest: 0.1, supplied, ..Entries::default() };
+        let ledger = book(&e, &p, &[2.0, 2.0, 3.0]);
+        assert_eq!([ledger.get(at(27)), ledger.get(at(28))], [-1.0, 1.0]);
+        assert_eq!([ledger.get(at(29)), ledger.get(at(30))], [0.5, 1.0]);
+        // Of what was taken out nothing is an excuse.
+        let ledger = book(&e, &p, &[-2.0, -2.0, 3.0]);
+        assert_eq!([ledger.get(at(29)), ledger.get(at(30))], [50.0, 5.0]);
+    }
+
+    /// Of two fields whose entropies fall and grow it is the fall that counts, beside what is turned over.
+    #[test]
+    fn a_fall_of_entropy_is_noted() {
+        let p = AccountPlaces { detail: Some(detail()), ..places() };
+        let field = |n: usize| Produced { name: format!("field {n}"), entropy: 2 * n, heat: 2 * n + 1 };
+        let e =
+            Entries { supplied: vec![("heat".into(), 0)], produced: vec![field(1), field(2)], ..Entries::default() };
+        let ledger = book(&e, &p, &[8.0, 0.0, -0.01, -2.0, 0.04, 6.0]);
+        assert_eq!(ledger.get(at(26)), 2.0 / 8.0);
+        assert_eq!([ledger.get(at(35)), ledger.get(at(37))], [-0.01, 0.04]);
+        assert_eq!(book(&e, &p, &[8.0, 0.0, 0.01, 2.0, 0.04, 6.0]).get(at(26)), 0.0);
+    }
+
+    /// An energy that may be below 0 has a top of its own, with or without what a run keeps besides.
+    #[test]
+    fn the_top_of_an_energy_with_a_least_is_kept() {
+        let supplied = vec![("push".into(), 0)];
+        for (least, top) in [(-1.0, 3.0), (0.0, 0.0)] {
+            let e = Entries { least, supplied: supplied.clone(), ..Entries::default() };
+            assert_eq!(book(&e, &places(), &[3.0]).get(at(16)), top, "{least}");
+        }
+        let e = Entries { supplied, ..Entries::default() };
+        let p = AccountPlaces { detail: Some(detail()), ..places() };
+        assert_eq!(book(&e, &p, &[3.0]).get(at(16)), 3.0);
+    }
+}

@@ -332,7 +332,7 @@ pub(super) fn noise<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Numb
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Booking, CountPlaces, Ledger};
+    use super::super::{Booking, CountPlaces, ErrorPlaces, Ledger, StakePlaces, WorkPlaces};
     use super::*;
     use crate::machine::Real;
     use std::cell::Cell;
@@ -346,6 +346,49 @@ mod tests {
         for (case, wanted) in cases.into_iter().zip(wanted) {
             assert!((least_between(Real::new(), case) - wanted).abs() < 1e-15, "{case:?}");
         }
+    }
+
+    /// What a region's own sources took back is no draw of its bars: only what is owed beyond that is short, as work and
+    /// as heat, each for itself.
+    #[test]
+    fn what_sources_took_back_is_not_short() {
+        let at = |at| Place { cluster: 0, at };
+        let worst = ErrorPlaces::Ratio(at(30));
+        let account = AccountPlaces {
+            first: at(0),
+            h: at(0),
+            h_initial: at(1),
+            h_max: at(2),
+            supplied: at(3),
+            dissipated: at(5),
+            leaked: at(7),
+            residual: at(9),
+            worst,
+            turnover_max: at(11),
+            size_max: at(12),
+            stored: at(13),
+            debt_max: at(14),
+            gained: worst,
+            h_top: at(16),
+            h_least: at(17),
+            work: Some(WorkPlaces { energy: at(18), top: at(19), least: at(20), heat: at(21) }),
+            absorbed: Some(AbsorbedPlaces { sums: at(22), counted_on: at(24) }),
+            detail: None,
+        };
+        let stake = StakePlaces { most: at(26), releases: None, reserve: None };
+        let layout = Layout { size: 32, logs: 0, held: Vec::new(), stake, accounts: vec![account] };
+        let short = |[work, heat]: [f64; 2], [worked, warmed]: [f64; 2]| {
+            let mut ledger = Ledger::default();
+            ledger.numbers.resize(32, Cell::new(0.0));
+            for (place, x) in [(13, work), (21, heat), (22, worked), (23, warmed), (26, 1.0)] {
+                ledger.set(at(place), x);
+            }
+            is_short(Real::new(), Booking { ledger: &ledger, output: &[] }, &layout)
+        };
+        assert!(!short([1.0, 1.0], [0.0, 0.0]) && !short([-2.0, 1.0], [2.0, 0.0]) && !short([1.0, -2.0], [0.0, 2.0]));
+        assert!(short([-2.0, 1.0], [1.5, 9.0]) && short([1.0, -2.0], [9.0, 1.5]));
+        // What is rounding beside the most that was at stake is nothing.
+        assert!(!short([-0.5e-12, 0.0], [0.0, 0.0]) && short([-2e-12, 0.0], [0.0, 0.0]));
     }
 
     /// The holder counts by what it held, the other side by what it met.

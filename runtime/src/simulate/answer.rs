@@ -393,3 +393,26 @@ fn weights(answers: &[f64], rule: &mut [f64]) -> Option<()> {
     }
     rule.iter().all(|x| x.is_finite()).then_some(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{AR_COEFFICIENTS, AR_ORDER, recurrence};
+
+    /// The fewest weights that tell each answer from those before: one of what dies out, two of what swings, and where
+    /// nothing answers, all of a motion is left.
+    #[test]
+    fn the_shortest_recurrence_is_found() {
+        let answers = |of: fn(i32) -> f64| (0..=2 * AR_ORDER as i32 + 1).map(of).collect::<Vec<f64>>();
+        let found = |of: fn(i32) -> f64| recurrence(&answers(of), 1e-9);
+        let rule = |weights: &[f64], left: f64| {
+            let mut rule = [0.0; AR_COEFFICIENTS];
+            rule[..weights.len()].copy_from_slice(weights);
+            (rule[AR_ORDER], rule[AR_ORDER + 1]) = (left, weights.len() as f64);
+            rule
+        };
+        assert_eq!(found(|k| 3.0 * 0.25f64.powi(k)), rule(&[0.25], 0.25));
+        assert_eq!(found(|_| 0.0), rule(&[1.0], 1.0));
+        let (swings, wanted) = (found(|k| (0.5 * f64::from(k)).cos()), rule(&[2.0 * 0.5f64.cos(), -1.0], 0.5f64.cos()));
+        assert!(swings.iter().zip(wanted).all(|(x, y)| (x - y).abs() < 1e-12), "{swings:?}, {wanted:?}");
+    }
+}

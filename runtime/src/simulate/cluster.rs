@@ -497,3 +497,28 @@ pub(super) fn advance_ports(c: &Cluster, out: &[f64], h: f64, moved: &mut [f64])
         *m += h * out[p.mean];
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{STORED, not_finite};
+    use crate::scene::{Entries, Produced};
+
+    /// What is named is what is no number, be it only one of two.
+    #[test]
+    fn what_is_no_number_is_named() {
+        let produced = vec![Produced { name: "film".into(), entropy: 2, heat: 3 }];
+        let (supplied, dissipated) = (vec![("push".into(), 0)], vec![("rub".into(), 1)]);
+        let entries = Entries { supplied, dissipated, produced, energy: 4, size: 4, ..Entries::default() };
+        let of = |place: usize, x: f64| {
+            let mut output = [1.0; 5];
+            output[place] = x;
+            not_finite(&entries, &output)
+        };
+        for (place, name) in [(0, "`push`"), (1, "`rub`"), (2, "`film`"), (3, "`film`")] {
+            for x in [f64::NAN, f64::INFINITY] {
+                assert!(of(place, x).contains(name), "{}", of(place, x));
+            }
+        }
+        assert_eq!(of(4, f64::NAN), STORED);
+    }
+}

@@ -517,6 +517,23 @@ mod tests {
         );
     }
 
+    /// Parabolas whose least is not at one of the three values: 1/10 and 3/10 above 0, beside ends of 7/20 and 11/20.
+    #[test]
+    fn where_a_parabola_turns_counts() {
+        for (least, near) in [(0.1, true), (0.3, false)] {
+            let value = |u: f64| 4.0 * (u - 0.25) * (u - 0.25) + least;
+            assert_eq!(super::touches([0.0, 0.5, 1.0].map(value), 0.5), near, "{least}");
+        }
+    }
+
+    #[test]
+    fn what_changes_sign_first_is_found() {
+        // After a tenth and after half of the way.
+        assert_eq!(super::earliest(&[1.0, 2.0], &[-9.0, -2.0]), Some(0));
+        assert_eq!(super::earliest(&[-2.0, -1.0], &[2.0, 9.0]), Some(1));
+        assert_eq!(super::earliest(&[1.0, 0.0], &[2.0, 1.0]), None);
+    }
+
     #[test]
     fn a_root_beyond_is_foretold() {
         assert_eq!(next(2.5, 2.0, 1.5), Some(1.5));

@@ -140,3 +140,26 @@ impl Joined {
         self.foreseen = None;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Member;
+
+    /// Between two looks it is the cubic by the values and rates there; before the first and after the last one what
+    /// was seen there.
+    #[test]
+    fn what_went_through_a_port_is_a_cubic() {
+        let cubic = |t: f64| [t * t * t - 2.0 * t + 1.0, 3.0 * t * t - 2.0];
+        let other = |t: f64| [-t, -1.0];
+        let times = vec![1.0, 1.5, 4.0];
+        let moved = times.iter().flat_map(|t| [cubic(*t), other(*t)]).collect();
+        let member = Member { bars: vec![3, 5], times, moved, ..Member::default() };
+        for t in [1.0, 1.125, 1.25, 1.5, 2.0, 3.5, 4.0] {
+            for (bar, wanted) in [cubic(t), other(t)].into_iter().enumerate() {
+                let found = member.through(bar, t);
+                assert!(found.iter().zip(wanted).all(|(x, y)| (x - y).abs() < 1e-13), "{t}: {found:?}, {wanted:?}");
+            }
+        }
+        assert_eq!([member.through(0, 0.0), member.through(0, 5.0)], [cubic(1.0), cubic(4.0)]);
+    }
+}

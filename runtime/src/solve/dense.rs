@@ -450,6 +450,10 @@ mod tests {
             }
             assert!(solve(n, &mut a, &mut vec![1.0; n], &mut Scratch::new(n), false).is_err(), "{n}");
         }
+        // A row that is five times another: the determinant is rounding alone.
+        let mut alike = [0.1, 0.3, 0.5, 1.5];
+        assert!(alike[0] * alike[3] != alike[1] * alike[2]);
+        assert_eq!(solve(2, &mut alike, &mut [1.0, 5.0], &mut Scratch::new(2), false), Err(1));
         let mut zero_row = [1.0, 2.0, 0.0, 0.0];
         assert_eq!(solve(2, &mut zero_row, &mut [1.0, 1.0], &mut Scratch::new(2), false), Err(1));
     }

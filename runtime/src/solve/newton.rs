@@ -340,6 +340,7 @@ impl<'a, S: System> Equations<Real<'a>> for OnNumbers<'a, S> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::iteration::chord;
     use super::*;
 
     /// Equations as a closure `(u, r, j)`.
@@ -483,6 +484,71 @@ mod tests {
             j[0] = 1.0;
         });
         assert!(matches!(result, Err(Failure::NoConvergence { .. })));
+    }
+
+    /// A root has no value where it was predicted to be; from the other start it is found.
+    #[test]
+    fn where_a_prediction_fails_there_is_another_start() {
+        let mut plan = Plan::of(2, vec![(0, 0), (0, 1), (1, 0), (1, 1)], 60, NewtonOptions::DEFAULT);
+        plan.method.predicted = true;
+        let found = |start: f64| {
+            let mut scratch = plan.scratch();
+            scratch.weight.fill(1.0);
+            scratch.scale.fill(1e-3);
+            scratch.unknowns.copy_from_slice(&[start, 0.5]);
+            scratch.cold.copy_from_slice(&[1.0, 1.0]);
+            let mut count = 0;
+            let mut system = Closure(|u: &[f64], r: &mut [f64], j: &mut [f64]| {
+                (r[0], r[1]) = (u[0].sqrt() - 2.0, u[1] - 0.5 * u[0]);
+                j.copy_from_slice(&[0.5 / u[0].sqrt(), 0.0, -0.5, 1.0]);
+            });
+            let result = solve(&plan, &mut scratch, &mut count, &mut system);
+            (result, scratch.unknowns, count)
+        };
+        for start in [3.9, -5.0] {
+            let (result, u, count) = found(start);
+            assert_eq!(result, Ok(()), "{start}");
+            assert!((u[0] - 4.0).abs() < 1e-14 && (u[1] - 2.0).abs() < 1e-14, "{start}: {u:?}");
+            assert!(start < 0.0 || count <= 5, "{start}: {count}");
+        }
+    }
+
+    /// The first pivot is so small that elimination in one order loses the second equation, in both of the updates that
+    /// few unknowns begin with: they are next to nothing, and what is left of the residual is not.
+    #[test]
+    fn small_updates_that_leave_a_residual_are_no_end() {
+        let places = vec![(0, 0), (0, 1), (1, 0), (1, 1), (2, 2)];
+        let mut plan = Plan::of(3, places.clone(), 60, NewtonOptions::DEFAULT);
+        plan.method.chord = chord::Pattern::new(3, places);
+        assert!(plan.method.chord.is_some());
+        let mut scratch = plan.scratch();
+        scratch.weight.fill(1.0);
+        scratch.scale.fill(1.0);
+        let mut system = Closure(|u: &[f64], r: &mut [f64], j: &mut [f64]| {
+            r.copy_from_slice(&[1e-40 * u[0] + (u[1] - 0.1 - 0.2), u[0] + u[1] - 2.0, u[2] - 1.0]);
+            j.copy_from_slice(&[1e-40, 1.0, 1.0, 1.0, 1.0]);
+        });
+        assert_eq!(solve(&plan, &mut scratch, &mut 0, &mut system), Ok(()));
+        let u = &scratch.unknowns;
+        assert!((u[0] - 1.7).abs() < 1e-15 && (u[1] - 0.3).abs() < 1e-15 && (u[2] - 1.0).abs() < 1e-15, "{u:?}");
+    }
+
+    /// What is named is the unknown that is off most beside itself, however little that is, in the program's count.
+    #[test]
+    fn the_unknown_that_moves_most_is_named() {
+        let pattern = (0..9).map(|k| (k / 3, k % 3)).collect();
+        let plan = Plan { unknowns: 5, ..Plan::of(3, pattern, 3, NewtonOptions::DEFAULT) };
+        let mut scratch = plan.scratch();
+        scratch.weight.fill(1.0);
+        scratch.unknowns.copy_from_slice(&[1.0, 2.0, 3.0]);
+        // By a double root, of which each update leaves a half.
+        let mut system = Closure(|u: &[f64], r: &mut [f64], j: &mut [f64]| {
+            (r[0], r[1], r[2]) = (u[0] - 1.0, (u[1] - 1.0) * (u[1] - 1.0), u[2] - 3.0);
+            j.copy_from_slice(&[1.0, 0.0, 0.0, 0.0, 2.0 * (u[1] - 1.0), 0.0, 0.0, 0.0, 1.0]);
+        });
+        let result = solve(&plan, &mut scratch, &mut 0, &mut system);
+        assert_eq!(result, Err(Failure::NoConvergence { iterations: 3, unknown: 6, change: 0.125 }));
+        assert_eq!(scratch.unknowns, [1.0, 1.125, 3.0]);
     }
 
     /// A ball that touches a plate: its first equation holds at the start, and what the other one asks for has no

@@ -249,6 +249,12 @@ fn raised_pivots() {
     }
     let size = x.iter().fold(1.0f64, |m, x| m.max(x.abs()));
     assert!(rest.iter().all(|r| r.abs() < 1e-11 * size));
+    // Beside an unknown of which nothing is asked.
+    let apart = [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2)];
+    let symbolic = Symbolic::analyse(3, &apart, true).unwrap();
+    let mut x = [4.0, 2.0, 0.0];
+    assert_eq!(Numeric::<f64>::new(&symbolic).solve_raised(&symbolic, &[0.0, 1.0, 2.0, 0.0, 5.0], &mut x), Ok(()));
+    assert_eq!(x, [1.0, 4.0, 0.0]);
     // Two equal rows.
     let twice = [(0, 0), (0, 1), (1, 0), (1, 1)];
     let symbolic = Symbolic::analyse(2, &twice, true).unwrap();
