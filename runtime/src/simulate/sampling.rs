@@ -88,3 +88,94 @@ impl<'s> Responses<Real<'s>> for Sampling<'s> {
         Some(self.responses[PortResponse::ArCoefficients as usize][port * AR_COEFFICIENTS + AR_ORDER + 1] as usize)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::energy::hold::Holder;
+    use crate::energy::{AccountPlaces, ErrorPlaces, HeldPlaces, Layout, StakePlaces};
+
+    /// What a cluster that holds two ports keeps: its account, what was at stake, and then the ports.
+    fn two_ports() -> Layout {
+        let at = |at| Place { cluster: 0, at };
+        let error = ErrorPlaces::Ratio(at(10));
+        let account = AccountPlaces {
+            first: at(0),
+            h: at(0),
+            h_initial: at(1),
+            h_max: at(2),
+            supplied: at(3),
+            dissipated: at(5),
+            leaked: at(7),
+            residual: at(9),
+            worst: error,
+            turnover_max: at(11),
+            size_max: at(12),
+            stored: at(13),
+            debt_max: at(14),
+            gained: error,
+            h_top: at(15),
+            h_least: at(16),
+            work: None,
+            absorbed: None,
+            detail: None,
+        };
+        let held = |port: usize| {
+            let first = 20 + port * (6 + 2 * (AR_ORDER + 1));
+            HeldPlaces {
+                port,
+                is_thermal: false,
+                v: at(first),
+                q: at(first + 1),
+                w: at(first + 2),
+                last_q: at(first + 3),
+                intervals: at(first + 4),
+                crossed: at(first + 5),
+                free_response: at(first + 6),
+                before: at(first + 7 + AR_ORDER),
+                counts: None,
+            }
+        };
+        let stake = StakePlaces { most: at(17), releases: None, reserve: None };
+        Layout { size: 60, logs: 0, held: vec![held(0), held(1)], stake, accounts: vec![account] }
+    }
+
+    /// Two values are scaled down along their ray until what they give out, v (Y v - a), is just what there is; what
+    /// gives out less stays as it is.
+    #[test]
+    fn two_values_give_out_just_what_there_is() {
+        let layout = two_ports();
+        let own: Vec<Cell<f64>> = vec![Cell::new(0.0); layout.size];
+        let admittance = [2.0, 0.5, -1.0, 3.0];
+        let sampling = Sampling { runs: &[], cluster: 0, own: &own, responses: [&admittance, &[], &[]] };
+        let holder = Holder { cluster: 0, layout: &layout };
+        let free = [1.0, -1.0];
+        let given = |v: [f64; 2]| {
+            let yielded = [0, 1].map(|i| admittance[2 * i] * v[0] + admittance[2 * i + 1] * v[1]);
+            v[0] * (yielded[0] - free[0]) + v[1] * (yielded[1] - free[1])
+        };
+        let wanted = [1.0, 2.0];
+        for there in [0.0, 1e-6, 0.25, 4.0, given(wanted), 2.0 * given(wanted)] {
+            own[layout.accounts[0].stored.at].set(there);
+            let mut v = wanted;
+            holder.within_budget(Real::new(), sampling, &mut v, &free, 0.0);
+            assert!((v[1] - 2.0 * v[0]).abs() < 1e-15 && v[0] <= 1.0, "{there}: {v:?}");
+            assert!((given(v) - there.min(given(wanted))).abs() < 1e-13, "{there}: {v:?} give {}", given(v));
+        }
+    }
+
+    /// How far the other sides give way is a product with the port admittance.
+    #[test]
+    fn the_other_sides_give_way_by_their_admittance() {
+        let layout = two_ports();
+        let own: Vec<Cell<f64>> = vec![Cell::new(0.0); layout.size];
+        let admittance = [2.0, 0.5, -1.0, 3.0];
+        let sampling = Sampling { runs: &[], cluster: 0, own: &own, responses: [&admittance, &[], &[]] };
+        let holder = Holder { cluster: 0, layout: &layout };
+        for (port, x) in [(0, 1.0), (1, 10.0)] {
+            own[layout.held[port].v.at].set(x);
+        }
+        let found = [0, 1].map(|port| holder.yielded_now(Real::new(), sampling, port));
+        assert_eq!(found, [7.0, 29.0]);
+    }
+}
