@@ -55,7 +55,7 @@ impl Watch {
     pub(super) fn is_loop(&self, guard: usize) -> bool {
         let (n, m) = (self.count, self.loops);
         let slopes = self.look.work.output[n + m + m * m..].chunks_exact(m.max(1)).nth(guard);
-        m > 0 && slopes.is_some_and(|slopes| slopes.iter().any(|x| *x != 0.0))
+        slopes.is_some_and(|slopes| slopes.iter().any(|x| *x != 0.0))
     }
 
     /// Looks at the guards: whether there is something that the state does not tell, and whether one that time alone
