@@ -367,6 +367,32 @@ fn laws_that_jump_are_named() {
     }
 }
 
+/// Fixed steps without a solution are halved, each half from its own instant on: the run gets to where the body stops.
+#[test]
+fn halved_steps_get_to_where_a_body_stops() {
+    let compiled = with(
+        Options::new().method("gonzalez"),
+        "model Slide {
+  Se:u = sin(3 rad/s * t) * 3 N
+  I:m { inertia = 0.1 kg; f0 = 1 m/s }
+  R:dry { e = if f > 0 then 2 N else -2 N }
+  1:v -> m, dry
+  u -> v
+}",
+    );
+    let speed = |t: f64| 1.0 + 10.0 * (1.0 - (3.0 * t).cos()) - 20.0 * t;
+    let (mut low, mut high) = (0.0, 0.1);
+    while high - low > 1e-12 {
+        let middle = 0.5 * (low + high);
+        *if speed(middle) > 0.0 { &mut low } else { &mut high } = middle;
+    }
+    for step in [5e-3, 1e-3] {
+        let why = start(&compiled, Steps::fixed(step)).finish(1.0).expect_err("it sticks").to_string();
+        let at: f64 = why.split("t = ").nth(1).and_then(|t| t.split(' ').next()?.parse().ok()).expect("an instant");
+        assert!((at - low).abs() < 0.5 * step, "steps of {step} s end at {at} s, not at {low} s");
+    }
+}
+
 /// So it is at the first port of what loses its power as heat, whose short steps would never end.
 #[test]
 fn laws_that_jump_are_named_where_they_heat() {
