@@ -348,8 +348,8 @@ mod tests {
         }
     }
 
-    /// What a region's own sources took back is no draw of its bars: only what is owed beyond that is short, as work and
-    /// as heat, each for itself.
+    /// What a region's own sources took back is no draw of its bars: only what is owed beyond that is short, as work
+    /// and as heat, each for itself.
     #[test]
     fn what_sources_took_back_is_not_short() {
         let at = |at| Place { cluster: 0, at };
