@@ -227,40 +227,12 @@ fn note_error<M: Machine, K: Memory<M>>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::{account, at};
     use super::super::{Booking, DetailPlaces, Ledger};
     use super::*;
     use crate::machine::Real;
     use crate::scene::Produced;
     use std::cell::Cell;
-
-    fn at(at: usize) -> Place {
-        Place { cluster: 0, at }
-    }
-
-    /// An account without what a run keeps besides.
-    fn places() -> AccountPlaces {
-        AccountPlaces {
-            first: at(0),
-            h: at(0),
-            h_initial: at(1),
-            h_max: at(2),
-            supplied: at(3),
-            dissipated: at(5),
-            leaked: at(7),
-            residual: at(9),
-            worst: ErrorPlaces::Ratio(at(10)),
-            turnover_max: at(11),
-            size_max: at(12),
-            stored: at(13),
-            debt_max: at(14),
-            gained: ErrorPlaces::Ratio(at(15)),
-            h_top: at(16),
-            h_least: at(17),
-            work: None,
-            absorbed: None,
-            detail: None,
-        }
-    }
 
     /// What a run keeps besides.
     fn detail() -> DetailPlaces {
@@ -292,7 +264,7 @@ mod tests {
     /// was given.
     #[test]
     fn what_is_given_excuses_an_energy_that_is_too_large() {
-        let p = AccountPlaces { detail: Some(detail()), ..places() };
+        let p = AccountPlaces { detail: Some(detail()), ..account() };
         let supplied = vec![("push".into(), 1)];
         let e = Entries { modified: Some(2), faintest: 0.1, supplied, ..Entries::default() };
         let ledger = book(&e, &p, &[2.0, 2.0, 3.0]);
@@ -306,7 +278,7 @@ mod tests {
     /// Of two fields whose entropies fall and grow it is the fall that counts, beside what is turned over.
     #[test]
     fn a_fall_of_entropy_is_noted() {
-        let p = AccountPlaces { detail: Some(detail()), ..places() };
+        let p = AccountPlaces { detail: Some(detail()), ..account() };
         let field = |n: usize| Produced { name: format!("field {n}"), entropy: 2 * n, heat: 2 * n + 1 };
         let e =
             Entries { supplied: vec![("heat".into(), 0)], produced: vec![field(1), field(2)], ..Entries::default() };
@@ -322,10 +294,10 @@ mod tests {
         let supplied = vec![("push".into(), 0)];
         for (least, top) in [(-1.0, 3.0), (0.0, 0.0)] {
             let e = Entries { least, supplied: supplied.clone(), ..Entries::default() };
-            assert_eq!(book(&e, &places(), &[3.0]).get(at(16)), top, "{least}");
+            assert_eq!(book(&e, &account(), &[3.0]).get(at(16)), top, "{least}");
         }
         let e = Entries { supplied, ..Entries::default() };
-        let p = AccountPlaces { detail: Some(detail()), ..places() };
+        let p = AccountPlaces { detail: Some(detail()), ..account() };
         assert_eq!(book(&e, &p, &[3.0]).get(at(16)), 3.0);
     }
 }

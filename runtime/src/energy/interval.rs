@@ -332,7 +332,8 @@ pub(super) fn noise<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Numb
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Booking, CountPlaces, ErrorPlaces, Ledger, StakePlaces, WorkPlaces};
+    use super::super::testing::{account, at};
+    use super::super::{Booking, CountPlaces, Ledger, StakePlaces, WorkPlaces};
     use super::*;
     use crate::machine::Real;
     use std::cell::Cell;
@@ -352,28 +353,10 @@ mod tests {
     /// and as heat, each for itself.
     #[test]
     fn what_sources_took_back_is_not_short() {
-        let at = |at| Place { cluster: 0, at };
-        let worst = ErrorPlaces::Ratio(at(30));
         let account = AccountPlaces {
-            first: at(0),
-            h: at(0),
-            h_initial: at(1),
-            h_max: at(2),
-            supplied: at(3),
-            dissipated: at(5),
-            leaked: at(7),
-            residual: at(9),
-            worst,
-            turnover_max: at(11),
-            size_max: at(12),
-            stored: at(13),
-            debt_max: at(14),
-            gained: worst,
-            h_top: at(16),
-            h_least: at(17),
             work: Some(WorkPlaces { energy: at(18), top: at(19), least: at(20), heat: at(21) }),
             absorbed: Some(AbsorbedPlaces { sums: at(22), counted_on: at(24) }),
-            detail: None,
+            ..account()
         };
         let stake = StakePlaces { most: at(26), releases: None, reserve: None };
         let layout = Layout { size: 32, logs: 0, held: Vec::new(), stake, accounts: vec![account] };
@@ -396,7 +379,6 @@ mod tests {
     fn sides_that_go_by_other_values_differ() {
         let mut ledger = Ledger::default();
         ledger.numbers.resize(25, Cell::new(0.0));
-        let at = |at| Place { cluster: 0, at };
         let counts = CountPlaces { holder: at(20), other: at(22), difference: at(24) };
         let h = HeldPlaces {
             port: 0,

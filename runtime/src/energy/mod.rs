@@ -11,6 +11,8 @@ pub mod hold;
 pub mod interval;
 mod layout;
 mod ledger;
+#[cfg(test)]
+pub(crate) mod testing;
 mod worst;
 
 pub use layout::{

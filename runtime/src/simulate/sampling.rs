@@ -93,33 +93,11 @@ impl<'s> Responses<Real<'s>> for Sampling<'s> {
 mod tests {
     use super::*;
     use crate::energy::hold::Holder;
-    use crate::energy::{AccountPlaces, ErrorPlaces, HeldPlaces, Layout, StakePlaces};
+    use crate::energy::testing::{account, at};
+    use crate::energy::{HeldPlaces, Layout, StakePlaces};
 
     /// What a cluster that holds two ports keeps: its account, what was at stake, and then the ports.
     fn two_ports() -> Layout {
-        let at = |at| Place { cluster: 0, at };
-        let error = ErrorPlaces::Ratio(at(10));
-        let account = AccountPlaces {
-            first: at(0),
-            h: at(0),
-            h_initial: at(1),
-            h_max: at(2),
-            supplied: at(3),
-            dissipated: at(5),
-            leaked: at(7),
-            residual: at(9),
-            worst: error,
-            turnover_max: at(11),
-            size_max: at(12),
-            stored: at(13),
-            debt_max: at(14),
-            gained: error,
-            h_top: at(15),
-            h_least: at(16),
-            work: None,
-            absorbed: None,
-            detail: None,
-        };
         let held = |port: usize| {
             let first = 20 + port * (6 + 2 * (AR_ORDER + 1));
             HeldPlaces {
@@ -136,8 +114,8 @@ mod tests {
                 counts: None,
             }
         };
-        let stake = StakePlaces { most: at(17), releases: None, reserve: None };
-        Layout { size: 60, logs: 0, held: vec![held(0), held(1)], stake, accounts: vec![account] }
+        let stake = StakePlaces { most: at(18), releases: None, reserve: None };
+        Layout { size: 60, logs: 0, held: vec![held(0), held(1)], stake, accounts: vec![account()] }
     }
 
     /// Two values are scaled down along their ray until what they give out, v (Y v - a), is just what there is; what
