@@ -286,7 +286,7 @@ impl Simulation<'_> {
             (there - sim.miscounted(account)).max(0.0)
         };
         let mut room = there([0.0; 2], self);
-        if w + room < 0.0 && self.scene.clusters[holder].entries.iter().any(|e| e.sources().next().is_some()) {
+        if w + room < 0.0 && self.counts_on_sources(holder) {
             let own = self.put_in(holder, moved);
             room = there(own, self);
         }
@@ -307,6 +307,14 @@ impl Simulation<'_> {
         let account = Account { holder, is_heat };
         let w = self.booked(account);
         self.margin(account, w, |_| 0.0).0
+    }
+
+    /// Whether a holder draws on what its own sources put in within the interval. Where it meets what a sampled region
+    /// holds, its step may turn out another one, and what they put in counts when that is known.
+    fn counts_on_sources(&self, holder: usize) -> bool {
+        let mut met = self.scene.bars.iter().filter(|b| b.other.0 == holder);
+        self.scene.clusters[holder].entries.iter().any(|e| e.sources().next().is_some())
+            && !met.any(|b| self.scene.clusters[b.holder.0].period.is_some())
     }
 
     /// What a holder's own sources put in over its interval, as work and as heat, J, where the other sides have moved
@@ -442,7 +450,8 @@ impl Simulation<'_> {
     fn let_go(&mut self, Release { at, account }: Release) {
         self.hand_over_moved();
         let i = account.holder;
-        if let Some(at) = self.runs[i].layout.accounts.iter().find_map(|p| p.absorbed) {
+        let absorbed = self.runs[i].layout.accounts.iter().find_map(|p| p.absorbed);
+        if let Some(at) = absorbed.filter(|_| self.counts_on_sources(i)) {
             let own = self.put_in(i, |_| 0.0)[usize::from(account.is_heat)];
             self.runs[i].ledger.set(at.counted_on.plus(usize::from(account.is_heat)), own.max(0.0));
         }
