@@ -309,12 +309,20 @@ impl Simulation<'_> {
         self.margin(account, w, |_| 0.0).0
     }
 
-    /// Whether a holder draws on what its own sources put in within the interval. Where it meets what a sampled region
-    /// holds, its step may turn out another one, and what they put in counts when that is known.
+    /// Whether a holder draws on what its own sources put in within the interval. That is looked at until the end of the
+    /// interval where all its bars lead to continuous regions. Where one leads to a sampled region, a step may turn out
+    /// another one, and with a latency what is held changes: then what they put in counts when it is known.
     fn counts_on_sources(&self, holder: usize) -> bool {
-        let mut met = self.scene.bars.iter().filter(|b| b.other.0 == holder);
-        self.scene.clusters[holder].entries.iter().any(|e| e.sources().next().is_some())
-            && !met.any(|b| self.scene.clusters[b.holder.0].period.is_some())
+        let scene = self.scene;
+        let sampled = |i: usize| scene.clusters[i].period.is_some();
+        let sources = scene.clusters[holder].entries.iter().any(|e| e.sources().next().is_some());
+        let mut bars = scene.bars.iter().map(|b| (b.holder.0, b.other.0));
+        let is_looked_at = bars.all(|(i, other)| match (i == holder, other == holder) {
+            (true, _) => !sampled(other),
+            (_, true) => !sampled(i),
+            (false, false) => true,
+        });
+        sources && is_looked_at && scene.clusters[holder].latency == 0.0
     }
 
     /// What a holder's own sources put in over its interval, as work and as heat, J, where the other sides have moved
