@@ -309,8 +309,8 @@ impl Simulation<'_> {
         self.margin(account, w, |_| 0.0).0
     }
 
-    /// Whether a holder draws on what its own sources put in within the interval. That is looked at until the end of the
-    /// interval where all its bars lead to continuous regions. Where one leads to a sampled region, a step may turn out
+    /// Whether a holder draws on what its own sources put in within the interval. That is looked at until its end where
+    /// all bars of the holder lead to continuous regions. Where one leads to a sampled region, a step may turn out
     /// another one, and with a latency what is held changes: then what they put in counts when it is known.
     fn counts_on_sources(&self, holder: usize) -> bool {
         let scene = self.scene;
