@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Report {
     /// How far it moved: the integral of its flow, or of its effort where the flow is held.
     pub q: f64,
-    /// The energy that it put in, J, where what it met was not what is held now; `v q` otherwise.
+    /// The energy that it put in, J, where what it met was not what is held now, as with a latency; `v q` otherwise.
     pub energy: Option<f64>,
     /// So many intervals before this one were silent, and `q` is over them too.
     pub gap: u32,

@@ -99,7 +99,7 @@ mod tests {
     /// What a cluster that holds two ports keeps: its account, what was at stake, and then the ports.
     fn two_ports() -> Layout {
         let held = |port: usize| {
-            let first = 20 + port * (6 + 2 * (AR_ORDER + 1));
+            let first = 20 + port * (6 + 2 * (AR_ORDER + 2));
             HeldPlaces {
                 port,
                 is_thermal: false,
@@ -110,7 +110,7 @@ mod tests {
                 intervals: at(first + 4),
                 crossed: at(first + 5),
                 free_response: at(first + 6),
-                before: at(first + 7 + AR_ORDER),
+                before: at(first + 8 + AR_ORDER),
                 counts: None,
             }
         };
