@@ -3,6 +3,7 @@
 use crate::common::{RUN, all_scenes, cases, file, models, stop, text};
 use bond::internal::{Code, CompiledInternals, SimulationInternals, StepsInternals, refusal};
 use bond::{Compiled, InputSignal, Options, Simulation, Steps};
+use bond_runtime::envelope::{HEAD, digest};
 use bond_runtime::simulate::{self, Refused};
 use proptest::prelude::*;
 
@@ -194,6 +195,34 @@ fn inputs_set_on_the_way_are_kept() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
+/// Why a scene does not go on from saved bytes.
+fn why(scene: &Compiled, bytes: &[u8]) -> Result<Refused, String> {
+    match Simulation::resume(Code::default().backend(), scene.scene(), bytes, []) {
+        Err(e) => refusal(&e).cloned().ok_or_else(|| format!("another error: {e}")),
+        Ok(_) => Err("it goes on".to_string()),
+    }
+}
+
+/// A state says how many weights predict what a bar feels: more than there are would be read.
+#[test]
+fn a_state_with_too_many_weights_is_refused() -> Result<(), Box<dyn std::error::Error>> {
+    let compiled = text(FED);
+    let options = Steps::new().resolve(&compiled.stages().model.settings, 1.0, None)?;
+    let bytes = Simulation::new(compiled.scene(), &options)?.save()?;
+    // One weight, three that are not used, the crude one, and their count.
+    let rule: Vec<u8> = [1.0f64, 0.0, 0.0, 0.0, 1.0, 1.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+    let at = bytes.windows(rule.len()).position(|w| w == rule).ok_or("there are no weights")? + rule.len() - 8;
+    for (orders, refused) in [(1.0f64, false), (0.0, true), (1.5, true), (5.0, true), (1e300, true), (f64::NAN, true)] {
+        let mut changed = bytes.clone();
+        changed[at..at + 8].copy_from_slice(&orders.to_le_bytes());
+        let whole = digest(&changed[HEAD..]).to_le_bytes();
+        changed[HEAD - 8..HEAD].copy_from_slice(&whole);
+        let answer = why(&compiled, &changed);
+        assert_eq!(matches!(answer, Ok(Refused::Shape("what is predicted"))), refused, "{orders}: {answer:?}");
+    }
+    Ok(())
+}
+
 #[test]
 fn the_state_of_another_scene_is_refused() -> Result<(), Box<dyn std::error::Error>> {
     let compiled = text(FED);
@@ -202,15 +231,6 @@ fn the_state_of_another_scene_is_refused() -> Result<(), Box<dyn std::error::Err
     sim.advance(0.5)?;
     let bytes = sim.save()?;
     let other = text(&FED.replace("100 N/m", "101 N/m"));
-    let why = |scene: &Compiled, bytes: &[u8]| match Simulation::resume(
-        Code::default().backend(),
-        scene.scene(),
-        bytes,
-        [],
-    ) {
-        Err(e) => refusal(&e).cloned().ok_or_else(|| format!("another error: {e}")),
-        Ok(_) => Err("it goes on".to_string()),
-    };
     assert!(matches!(why(&other, &bytes)?, Refused::Changed(_)));
     let other = text(&FED.replace("Fed", "Fred"));
     assert!(matches!(why(&other, &bytes)?, Refused::Model { .. }));

@@ -11,7 +11,7 @@ use super::stepping::Stepping;
 use super::trial::{Taken, copy};
 use super::watched::Most;
 use super::{Error, Options, Simulation};
-use crate::energy::Ledger;
+use crate::energy::{AR_COEFFICIENTS, AR_ORDER, Ledger};
 use crate::envelope::{self, Damaged, Kind};
 use crate::kernel::Backend;
 use crate::scene::{Made, Scene};
@@ -227,6 +227,11 @@ impl<'a> Simulation<'a> {
             (&part.ar_coefficients, &self.ar_coefficients[i]),
         ] {
             same("what is predicted", saved, own)?;
+        }
+        // So many weights are read.
+        let mut orders = part.ar_coefficients.chunks(AR_COEFFICIENTS).filter_map(|rule| rule.last());
+        if !orders.all(|order| (1..=AR_ORDER).any(|n| *order == n as f64)) {
+            return Err(Refused::Shape("what is predicted"));
         }
         same("the ports", &part.moved, &self.moved[i])?;
         let signals = ClusterInputs::new(c, &self.given);
