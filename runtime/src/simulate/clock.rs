@@ -1,10 +1,11 @@
 //! When sampled clusters sample, and what is handed over between clocks.
 
 use super::cluster::Run;
+use super::hold::{Held, Unmet};
 use super::rate_transition::SAME;
 use super::sampling::Sampling;
 use super::schedule::Simulation;
-use crate::energy::hold;
+use crate::energy::{HeldPlaces, hold};
 use crate::machine::Real;
 use crate::scene::Bar;
 use std::cell::Cell;
@@ -49,19 +50,26 @@ impl Simulation<'_> {
     pub(super) fn hand_over(&mut self, i: usize) {
         let Some(p) = self.transitions[i].as_ref().filter(|p| self.next[p.clock] > 0) else { return };
         // An interval of a clock that goes by another one is longer than that one's period, or shorter.
-        let part = p.step / self.length(p.clock, self.next[p.clock] - 1);
+        let length = self.length(p.clock, self.next[p.clock] - 1);
+        let part = p.step / length;
         for a in 0..self.held[i].len() {
             let Some(bar) = self.held[i][a].bar.map(|b| &self.scene.bars[b]) else { continue };
-            let response = self.holder(i).yielded_now(Real::new(), self.sampling(i), a);
+            let Run { layout, ledger, .. } = &self.runs[i];
+            let met = |(h, p): (&Held, &HeldPlaces)| h.met(ledger.get(p.v), length);
+            let value = met((&self.held[i][a], &layout.held[a]));
+            let all = self.held[i].iter().zip(&layout.held).map(met);
+            let response = self.holder(i).yielded(Real::new(), self.sampling(i), a, all);
             let since = self.since(bar.other.0);
             let h = &mut self.held[i][a];
             let ahead = h.rate * since;
             let more = ahead - std::mem::replace(&mut h.ahead, ahead);
             let q = std::mem::take(&mut h.got) + more;
+            let moved = q + h.unmet.motion;
             let (p, ledger) = (self.held_places(i, a), &self.runs[i].ledger);
             ledger.set(p.q, ledger.get(p.q) + q);
-            hold::note(Real::new(), self.sampling(i), p, part * q + response, ledger.get(p.v));
+            hold::note(Real::new(), self.sampling(i), p, part * moved + response, value);
         }
+        self.held[i].iter_mut().for_each(|h| h.unmet = Unmet::default());
     }
 
     /// What the other side of a bar met in its interval that runs, or that has just ended.

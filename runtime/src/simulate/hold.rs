@@ -31,10 +31,28 @@ pub(super) struct Held {
     pub(super) silent: bool,
     /// What was held at the start of the interval that runs, where that was let go within it.
     pub(super) let_go: Option<LetGo>,
+    /// What a limited sampled side left out, in the interval that runs.
+    pub(super) unmet: Unmet,
     /// What was found at the last sample, where that is not yet held.
     pub(super) next: Option<f64>,
     /// What it has read of the other side's motion.
     pub(super) encoder: Encoder,
+}
+
+impl Held {
+    /// What the other side met on average of a value that was held for a time.
+    pub(super) fn met(&self, value: f64, time: f64) -> f64 {
+        value * (1.0 - self.unmet.time / time).max(0.0)
+    }
+}
+
+/// What a sampled side that is limited meets less of what is held for it, and tells less of how it moved.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub(super) struct Unmet {
+    /// For so long nothing of it was met, or a part of it for longer, s.
+    pub(super) time: f64,
+    /// How far it moved that was not told.
+    pub(super) motion: f64,
 }
 
 /// What was held until it was let go within an interval.

@@ -2,7 +2,7 @@
 
 use super::Error;
 use super::cluster::Run;
-use super::hold::{Held, LetGo};
+use super::hold::{Held, LetGo, Unmet};
 use super::rate_transition::port_admittance_of;
 use super::sampling::{Sampling, Scratch};
 use super::schedule::Simulation;
@@ -89,7 +89,9 @@ impl Simulation<'_> {
             self.runs[i].ledger.set(p.q, 0.0);
             self.runs[i].ledger.set(p.w, 0.0);
         }
-        self.held[i].iter_mut().for_each(|h| h.let_go = None);
+        for h in &mut self.held[i] {
+            (h.let_go, h.unmet) = (None, Unmet::default());
+        }
         Ok(())
     }
 
@@ -101,11 +103,13 @@ impl Simulation<'_> {
             return;
         }
         let (sampling, holder) = (self.sampling(i), self.holder(i));
-        if let Some(LetGo { value, lasted }) = self.held[i][k].let_go {
-            let p = self.held_places(i, k);
-            let free_response = self.runs[i].ledger.get(p.q) + self.yielded_to_pulses(i, k);
+        if self.held[i].iter().any(|h| h.let_go.is_some() || h.unmet.time > 0.0) {
+            let (p, length) = (self.held_places(i, k), self.length(i, self.next[i] - 1));
+            let moved = self.runs[i].ledger.get(p.q) + self.held[i][k].unmet.motion;
+            let free_response = moved + self.yielded_to_pulses(i, k);
+            let (value, lasted) = self.pulse(i, k);
             // So much of the period was it held.
-            let part = lasted * (1.0 - self.scene.clusters[i].latency / self.length(i, self.next[i] - 1));
+            let part = if lasted < 1.0 { lasted * (1.0 - self.scene.clusters[i].latency / length) } else { 1.0 };
             hold::note(Real::new(), sampling, p, free_response, part * value);
             sampling.store(p.last_q, sampling.load(p.q));
             return;
@@ -126,14 +130,22 @@ impl Simulation<'_> {
         ledger.set(p.intervals, ledger.get(p.intervals) + 1.0);
     }
 
+    /// What the other side of a held port met in the interval that ends, and for which part of it.
+    fn pulse(&self, i: usize, k: usize) -> (f64, f64) {
+        let h = &self.held[i][k];
+        match h.let_go {
+            Some(LetGo { value, lasted }) => (value, lasted),
+            None => (h.met(self.runs[i].ledger.get(self.held_places(i, k).v), self.length(i, self.next[i] - 1)), 1.0),
+        }
+    }
+
     /// How far the other sides gave way at a held port to what was held for a part of the interval. What was held for x
     /// of it, and all of it at x = 1, has moved them by `(Y - D/2) x + D/2 x²`: by D they move on in the interval
     /// after, which is 0 of a damper, and 2 Y of a mass.
     fn yielded_to_pulses(&self, i: usize, k: usize) -> f64 {
         let (n, admittances, later) = (self.held[i].len(), &self.port_admittance[i], &self.delayed_response[i]);
-        let held = self.held[i].iter().zip(&self.runs[i].layout.held).enumerate();
-        held.map(|(j, (h, p))| {
-            let (value, x) = h.let_go.map_or((self.runs[i].ledger.get(p.v), 1.0), |h| (h.value, h.lasted));
+        let held = (0..n).map(|j| (j, self.pulse(i, j)));
+        held.map(|(j, (value, x))| {
             let (yields, on) = (admittances[k * n + j], 0.5 * later[k * n + j]);
             ((yields - on) * x + on * (2.0 * x - x * x)) * value
         })

@@ -344,6 +344,7 @@ impl<'a> Simulation<'a> {
                 None => 0.0,
             };
             let by_clock = self.transitions[bar.holder.0].is_some();
+            let length = if ended.is_some() { self.length(cluster, self.next[cluster] - 1) } else { 0.0 };
             let Run { layout, ledger, .. } = &self.runs[bar.holder.0];
             let mut held = self.held[bar.holder.0].iter_mut().zip(&layout.held);
             if let Some((h, p)) = held.find(|(h, _)| h.bar == Some(k)) {
@@ -353,6 +354,8 @@ impl<'a> Simulation<'a> {
                 // energy would drive the holder. Who holds an effort follows all of a motion.
                 let [met_part, part] = if ended.is_some() { self.parts[cluster][port] } else { [1.0; 2] };
                 let told = if bar.holds_flow() { met_part * part } else { 1.0 };
+                h.unmet.time += (1.0 - met_part) * length;
+                h.unmet.motion += (1.0 - told) * read;
                 let q = told * read - std::mem::take(&mut h.ahead);
                 if by_clock {
                     h.got += q;

@@ -7,7 +7,7 @@ use crate::discretise::analysis::energy_minimum;
 use crate::discretise::cluster::{Cluster, State, missing, verified};
 use crate::discretise::equations::inputs::{self, Inputs};
 use crate::discretise::equations::system::System;
-use crate::discretise::equations::{ledger, newton, output_equations};
+use crate::discretise::equations::{accounts, ledger, newton, output_equations};
 use crate::discretise::steppers::label::{Label, Refusal, Step};
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::Model;
@@ -65,6 +65,7 @@ fn write(label: Label, c: &Cluster, model: &mut Model, form: &Form) -> Result<St
 struct Writing<'a> {
     c: &'a Cluster,
     model: &'a mut Model,
+    form: &'a Form,
     b: Builder,
     lowering: Lowering,
     inputs: &'a Inputs,
@@ -90,14 +91,15 @@ struct Line {
 /// The mirror image of the states: x_min - m (x - x_min).
 struct Mirror {
     states: Vec<Expr>,
-    minimum: Vec<f64>,
+    /// By state, where its energy is least; nothing of an entropy, which stays: heat is not turned into work.
+    minimum: Vec<Option<f64>>,
     /// Whether one with the same energy was found.
     found: Value,
 }
 
 impl<'a> Writing<'a> {
     fn new(
-        (c, model, form): (&'a Cluster, &'a mut Model, &Form),
+        (c, model, form): (&'a Cluster, &'a mut Model, &'a Form),
         (mut b, mut lowering): (Builder, Lowering),
         inputs: &'a Inputs,
         flat: &FxHashMap<Symbol, Expr>,
@@ -127,7 +129,7 @@ impl<'a> Writing<'a> {
         let total = model.pool.sum(&total);
         let before = lowering.lower(&model.pool, &mut b, total).map_err(|s| missing(model, s))?;
         let target = b.add(before, change);
-        Ok(Self { c, model, b, lowering, inputs, rates, total, before, target, change, zero })
+        Ok(Self { c, model, form, b, lowering, inputs, rates, total, before, target, change, zero })
     }
 
     fn lower(&mut self, e: Expr) -> Result<Value, Vec<Diagnostic>> {
@@ -196,16 +198,19 @@ impl<'a> Writing<'a> {
     /// Solves for the mirror image at the same energy.
     fn mirror(&mut self) -> Result<Mirror, Vec<Diagnostic>> {
         let c = self.c;
-        let mut minimum = vec![0.0; c.states.len()];
+        let mut minimum = vec![Some(0.0); c.states.len()];
         for g in &c.groups {
             for s in &g.states {
-                minimum[*s] = energy_minimum::state_of_minimum(self.model, g, c, *s);
+                let is_entropy = c.states[*s].column.is_some_and(|c| accounts::is_thermal(self.model, self.form, c));
+                minimum[*s] = (!is_entropy).then(|| energy_minimum::state_of_minimum(self.model, g, c, *s));
             }
         }
         let pool = &mut self.model.pool;
         let m = pool.symbol("mirror");
-        let mirrored = |(s, low): (&State, &f64)| {
-            let (x, low, m) = (pool.var(s.symbol), pool.float(*low), pool.var(m));
+        let mirrored = |(s, low): (&State, &Option<f64>)| {
+            let x = pool.var(s.symbol);
+            let Some(low) = *low else { return x };
+            let (low, m) = (pool.float(low), pool.var(m));
             let off = pool.sub(x, low);
             let back = pool.mul(m, off);
             pool.sub(low, back)
@@ -229,10 +234,10 @@ impl<'a> Writing<'a> {
         for (i, s) in c.states.iter().enumerate() {
             let on_line = self.lower(*line.states.get(&s.symbol).unwrap_or(&one))?;
             let image = self.lower(mirror.states[i])?;
-            let low = self.b.number(mirror.minimum[i]);
+            let x = self.inputs.states[i];
+            let low = mirror.minimum[i].map_or(x, |low| self.b.number(low));
             let leap = self.b.select(mirror.found, image, low);
             let chosen = self.b.select(line.met, on_line, leap);
-            let x = self.inputs.states[i];
             if s.column.is_none() {
                 // A signal state has no energy, and goes its own way.
                 let change = self.b.mul(self.inputs.h, self.rates[i]);
