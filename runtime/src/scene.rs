@@ -480,8 +480,10 @@ pub struct Cluster {
     pub inputs: Vec<usize>,
     /// The ledger's parts.
     pub entries: Vec<Entries>,
-    /// Whether its laws are linear.
+    /// Whether its laws are linear, and its step is exact.
     pub is_linear: bool,
+    /// Whether what it answers at its ports depends on its state: of a continuous cluster whose laws are not linear.
+    pub has_changing_response: bool,
     /// The fastest that its states turn, rad/s, where its laws are linear: the largest imaginary part of an eigenvalue.
     pub fastest_turn: f64,
     /// Shortest period of what swings by time alone, s.

@@ -209,9 +209,12 @@ fn a_state_with_too_many_weights_is_refused() -> Result<(), Box<dyn std::error::
     let compiled = text(FED);
     let options = Steps::new().resolve(&compiled.stages().model.settings, 1.0, None)?;
     let bytes = Simulation::new(compiled.scene(), &options)?.save()?;
-    // One weight, three that are not used, the crude one, and their count.
-    let rule: Vec<u8> = [1.0f64, 0.0, 0.0, 0.0, 1.0, 1.0].iter().flat_map(|x| x.to_le_bytes()).collect();
-    let at = bytes.windows(rule.len()).position(|w| w == rule).ok_or("there are no weights")? + rule.len() - 8;
+    // One weight, three that are not used, the same as the crude one, and their count.
+    let is_rule = |w: &[u8]| {
+        let of = |k: usize| f64::from_le_bytes(w[8 * k..8 * k + 8].try_into().unwrap_or_default());
+        (0.1..1.0).contains(&of(0)) && of(4) == of(0) && of(5) == 1.0 && (1..4).all(|k| of(k) == 0.0)
+    };
+    let at = bytes.windows(48).position(is_rule).ok_or("there are no weights")? + 40;
     for (orders, refused) in [(1.0f64, false), (0.0, true), (1.5, true), (5.0, true), (1e300, true), (f64::NAN, true)] {
         let mut changed = bytes.clone();
         changed[at..at + 8].copy_from_slice(&orders.to_le_bytes());

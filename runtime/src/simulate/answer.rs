@@ -67,6 +67,7 @@ impl Simulation<'_> {
         others.sort_unstable();
         others.dedup();
         let calls = self.calls(i);
+        let mut anew = Vec::new();
         for other in others {
             let mine: Vec<usize> =
                 (0..n).filter(|k| self.held[i][*k].bar.is_some_and(|b| self.scene.bars[b].other.0 == other)).collect();
@@ -75,7 +76,7 @@ impl Simulation<'_> {
             let ports: Vec<usize> = bars.iter().map(|b| b.other.1).collect();
             let c = &self.scene.clusters[other];
             let about: Vec<f64> = mine.iter().zip(&bars).map(|(k, bar)| bar.sign * calls[*k]).collect();
-            let answers = self.runs[other].measured(c, (period, latency), &ports, &about);
+            let (answers, probe) = self.runs[other].measured(c, (period, latency), &ports, &about);
             let m = mine.len();
             // q = sign * integral, input = sign * v, and q is the free response less the port admittance times v.
             let fall = |interval: usize, r: usize, s: usize| {
@@ -93,6 +94,7 @@ impl Simulation<'_> {
                 }
                 ar_coefficients[a * AR_COEFFICIENTS..(a + 1) * AR_COEFFICIENTS].copy_from_slice(&rule);
             }
+            anew.extend(probe.map(|probe| (other, mine, probe)));
         }
         for (k, h) in self.held[i].iter().enumerate() {
             if let Some(inertia) = h.open.and_then(|o| self.scene.open[o].inertia) {
@@ -117,6 +119,8 @@ impl Simulation<'_> {
         self.port_admittance[i] = port_admittance;
         self.delayed_response[i] = delayed_response;
         self.ar_coefficients[i] = ar_coefficients;
+        let tangents = anew.iter().filter_map(|(other, held, probe)| self.tangent(i, (*other, held), *probe));
+        self.tangents[i] = tangents.collect();
     }
 }
 
@@ -141,19 +145,21 @@ impl Simulation<'_> {
 
 impl Run {
     /// The answer ([`Self::response`]) about 0, or `about` what is held at the start where there is none, or one beyond
-    /// all others; where friction holds within the hold, to a change that is large enough.
-    fn measured(&mut self, c: &Cluster, hold: Pulse, ports: &[usize], about: &[f64]) -> Answers {
+    /// all others; where friction holds within the hold, to a change that is large enough. And the change that gave it,
+    /// where it is in proportion to one about 0 and may be another one later.
+    fn measured(&mut self, c: &Cluster, hold: Pulse, ports: &[usize], about: &[f64]) -> (Answers, Option<f64>) {
         let zero = vec![0.0; ports.len()];
         if c.is_linear {
-            return self.response(c, hold, (ports, &zero), 1.0);
+            return (self.response(c, hold, (ports, &zero), 1.0), None);
         }
         let size = |a: &Answers| a.first().map_or(0.0, |m| largest(m));
-        let mut answers = self.in_proportion(c, hold, (ports, &zero));
+        let (mut answers, small) = self.in_proportion(c, hold, (ports, &zero));
+        let mut about_0 = Some(small);
         if about.iter().any(|v| *v != 0.0) {
             // About 0 a law may have no answer, or one beyond all others, as a conductor of heat at 0 K.
-            let there = self.in_proportion(c, hold, (ports, about));
+            let (there, _) = self.in_proportion(c, hold, (ports, about));
             if size(&there) > 0.0 && (answers.is_empty() || size(&answers) > BEYOND * size(&there)) {
-                answers = there;
+                (answers, about_0) = (there, None);
             }
         }
         // What friction brings to rest within the hold answers as little as it has way left, and what it holds,
@@ -181,13 +187,13 @@ impl Run {
                     break;
                 }
             }
-            answers = larger;
+            (answers, about_0) = (larger, None);
         }
-        answers
+        (answers, about_0)
     }
 
-    /// The answer to a change so small that a smaller one makes no other.
-    fn in_proportion(&mut self, c: &Cluster, hold: Pulse, at: (&[usize], &[f64])) -> Answers {
+    /// The answer to a change so small that a smaller one makes no other, and that change.
+    fn in_proportion(&mut self, c: &Cluster, hold: Pulse, at: (&[usize], &[f64])) -> (Answers, f64) {
         let mut probe = PROBE;
         let first = self.response(c, hold, at, probe);
         let mut answers = first.clone();
@@ -197,11 +203,11 @@ impl Run {
             let most = finer.iter().flatten().fold(0.0f64, |m, x| m.max(x.abs()));
             let pairs = || answers.iter().flatten().zip(finer.iter().flatten());
             if finer.len() == answers.len() && pairs().all(|(x, y)| (x - y).abs() <= SAME * most) {
-                return answers;
+                return (answers, probe / FINER);
             }
             answers = finer;
         }
-        first
+        (first, PROBE)
     }
 
     /// How this cluster answers to what is held at `ports` for one period, from the latency on, and then let go, about

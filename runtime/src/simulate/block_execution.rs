@@ -39,6 +39,7 @@ impl Simulation<'_> {
             order: self.order.clone(),
             read: self.read.clone(),
             probed: self.probed.clone(),
+            takes_tangents: self.takes_tangents(),
         }
     }
 
@@ -65,7 +66,7 @@ impl Simulation<'_> {
     pub(super) fn run_blocks(&mut self, until: f64) -> bool {
         let none = self.block_execution.maker.is_none() && self.block_execution.routine.is_none();
         // What is drawn within a block is not seen.
-        if none || !self.scene.watched.is_empty() || self.looks_within() {
+        if none || !self.scene.watched.is_empty() || self.looks_within() || self.takes_tangents() {
             return false;
         }
         let wanted = self.reach(until);

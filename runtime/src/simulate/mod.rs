@@ -27,6 +27,7 @@ mod schedule;
 mod start;
 mod stepping;
 mod summary;
+mod tangent;
 mod trial;
 mod watched;
 

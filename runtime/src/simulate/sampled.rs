@@ -165,6 +165,7 @@ impl Simulation<'_> {
         }
         let Some(respond) = &c.respond else { return Ok(()) };
         let n = self.held[i].len();
+        self.take_tangents(i, at);
         let Scratch { free_response, values, q, ahead, .. } = scratch;
         free_response.clear();
         match &self.transitions[i] {

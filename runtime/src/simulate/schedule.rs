@@ -10,6 +10,7 @@ use super::program::Look;
 use super::rate_transition::RateTransition;
 use super::sampling::Scratch;
 use super::stepping::Stepping;
+use super::tangent::Tangent;
 use super::{Error, Options};
 use crate::energy::interval;
 use crate::interpreter::Interpret;
@@ -39,6 +40,8 @@ pub struct Simulation<'a> {
     pub(super) port_admittance: Vec<Vec<f64>>,
     pub(super) delayed_response: Vec<Vec<f64>>,
     pub(super) ar_coefficients: Vec<Vec<f64>>,
+    /// Which of them are taken anew at each sample.
+    pub(super) tangents: Vec<Vec<Tangent>>,
     /// By cluster, the clock that it goes by, if not its own.
     pub(super) transitions: Vec<Option<RateTransition>>,
     /// By cluster, the next sample's number.
@@ -145,6 +148,7 @@ impl<'a> Simulation<'a> {
             port_admittance: vec![Vec::new(); n],
             delayed_response: vec![Vec::new(); n],
             ar_coefficients: vec![Vec::new(); n],
+            tangents: (0..n).map(|_| Vec::new()).collect(),
             transitions: RateTransition::all(scene),
             next: vec![0; n],
             order: scene.order(),

@@ -13,6 +13,8 @@ pub struct Start {
     pub read: Vec<usize>,
     /// Clusters that probes read.
     pub probed: Vec<usize>,
+    /// Whether a run takes the answers of other sides anew at its samples.
+    pub takes_tangents: bool,
 }
 
 /// A cluster at its start.

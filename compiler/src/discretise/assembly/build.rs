@@ -6,7 +6,7 @@ use crate::discretise::choice::{self, Accuracy};
 use crate::discretise::cluster::Cluster;
 use crate::discretise::equations::accounts;
 use crate::discretise::steppers::label::Step;
-use crate::discretise::steppers::{Method, discrete_update, unknown_method};
+use crate::discretise::steppers::{Method, discrete_update, exact, unknown_method};
 use crate::expression::Symbol;
 use crate::graph::RegionId;
 use crate::model::{Hold, Model, Sampling};
@@ -66,6 +66,8 @@ pub(crate) fn build(
     let (initial, names) = state(c, model, form)?;
     let is_linear = sampling.is_none() && step.linear.is_some();
     let fastest_turn = step.linear.as_ref().filter(|_| is_linear).map_or(0.0, fastest_turn::fastest_turn);
+    let has_changing_response =
+        sampling.is_none() && !is_linear && !c.ports.is_empty() && !exact::is_linear(c, model, form);
     let (states, regions) = (c.states.len(), c.regions.len());
     Ok(scene::Cluster {
         name: c.name(form),
@@ -99,6 +101,7 @@ pub(crate) fn build(
         inputs: c.inputs.iter().map(|i| i.0).collect(),
         entries,
         is_linear,
+        has_changing_response,
         fastest_turn,
         fastest_period: fastest,
         jumps: c.vertical_laws(model, form),

@@ -65,8 +65,13 @@ pub(crate) fn write(
 
 /// Whether a cluster is linear but for what its probes integrate.
 pub(crate) fn takes_states(c: &Cluster, model: &mut Model, form: &Form) -> bool {
+    !c.integrals.is_empty() && is_linear(c, model, form)
+}
+
+/// Whether a cluster is linear, whatever its probes integrate.
+pub(crate) fn is_linear(c: &Cluster, model: &mut Model, form: &Form) -> bool {
     let bare = Cluster { integrals: Vec::new(), ..c.clone() };
-    !c.integrals.is_empty() && rows(&bare, model, form).is_some()
+    rows(&bare, model, form).is_some()
 }
 
 /// The program of a step, its table and the ledger's entries; without a ledger for a look between two steps.
