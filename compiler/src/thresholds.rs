@@ -123,13 +123,11 @@ pub struct RestThresholds {
     pub same: f64,
     /// Relative error of a polynomial.
     pub truncation: f64,
-    /// Radius, in lengths of the law, below which a series is of no use.
-    pub radius: f64,
 }
 
 impl Default for RestThresholds {
     fn default() -> Self {
-        Self { closed: 2e-14, same: 1e-9, truncation: 1e-17, radius: 1e-3 }
+        Self { closed: 2e-14, same: 1e-9, truncation: 1e-17 }
     }
 }
 

@@ -53,8 +53,8 @@ impl NumericOptions {
             ])
             && are_sizes(&[c.first_step, c.period_fraction, c.time_resolution, c.min_step, c.min_step_exponential])
             && are_sizes(&[c.fresh_step, c.crawl, c.endless, c.balance_decay, c.phase_start, c.overshoot_min])
-            && are_sizes(&[c.overshoot_max, c.overshoot_drift, c.min_event_cut, c.retarget_distance])
-            && are_sizes(&[c.brief_event_step, e.state_floor, e.faintest_change, e.max_state_growth])
+            && are_sizes(&[c.overshoot_max, c.overshoot_drift, c.min_event_cut])
+            && are_sizes(&[e.state_floor, e.faintest_change, e.max_state_growth])
             && are_sizes(&[e.max_first_move, e.thrown_ratio, e.missed_move])
             && are_sizes(&[v.start, v.peek, v.slow_round, v.noise_floor, v.min_jump, v.max_gap])
             && are_sizes(&[v.approach, v.touch, v.min_pivot])
@@ -115,12 +115,8 @@ pub struct ControllerOptions {
     pub overshoot_drift: f64,
     /// Part of its length below which a step is not cut for a predicted event, unless the guard falls.
     pub min_event_cut: f64,
-    /// A predicted event that did not come is followed while it is nearer than this many of the steps cut for it.
-    pub retarget_distance: f64,
     /// Steps cut in vain for a guard that still falls.
     pub max_missed: u32,
-    /// Part of the usual step below which a step to an event counts whatever its error.
-    pub brief_event_step: f64,
 }
 
 impl Default for ControllerOptions {
@@ -151,9 +147,7 @@ impl Default for ControllerOptions {
             overshoot_max: 0.5,
             overshoot_drift: 0.5,
             min_event_cut: 0.1,
-            retarget_distance: 1.5,
             max_missed: 3,
-            brief_event_step: 1e-8,
         }
     }
 }
@@ -283,8 +277,6 @@ pub struct NewtonOptions {
     pub damped: u32,
     /// What converges then needs no more iterations than these.
     pub grace: u32,
-    /// A residual of this part of the unknowns is rounding.
-    pub residual: f64,
     /// The square of an update over that of the one before, at most, after which a residual that is larger says
     /// nothing: its equations weigh more than they determine (a natural test of monotonicity; Deuflhard, Numer. Math.
     /// 22, 1974).
@@ -305,9 +297,8 @@ pub struct NewtonOptions {
     pub undetermined: f64,
     /// The part of the unknowns that such a residual is at most.
     pub quiet: f64,
-    /// The last update of an iteration that converges linearly, as a part of the unknowns, and the same where it does
-    /// not shrink.
-    pub linear: (f64, f64),
+    /// The last update of an iteration that converges linearly, as a part of the unknowns.
+    pub linear: f64,
     /// How often the residual is looked at that is left by what was to be the last update.
     pub looks: u32,
     /// The part of the unknowns that this may leave, and the same where it was no more than [`NewtonOptions::growth`]
@@ -399,7 +390,6 @@ impl NewtonOptions {
         noise: 1e-26,
         damped: 140,
         grace: 20,
-        residual: 1e-32,
         closer: 0.25,
         turned: 0.0625,
         quadratic: 1e-6,
@@ -409,7 +399,7 @@ impl NewtonOptions {
         hardly_determined: 1e-10,
         undetermined: 1e-6,
         quiet: 1e-20,
-        linear: (1e-12, 1e-14),
+        linear: 1e-12,
         looks: 3,
         cleared: (1e-28, 1e-24),
         straight: 0.125,

@@ -264,9 +264,7 @@ impl Fitted<'_> {
             // enough.
             let alike = |longer: &Attempt| attempt.h < 0.5 * longer.h && attempt.error > 0.25 * longer.error;
             let vain = attempt.fresh && attempt.h < o.fresh_step * usual && refused.as_ref().is_some_and(alike);
-            // A method that looks at the end of its step sees what holds beyond the switch, however near that is.
-            let brief = attempt.event && attempt.h < o.brief_event_step * usual;
-            if ratio > 1.0 && !vain && !brief {
+            if ratio > 1.0 && !vain {
                 control.ahead = attempt.h * (o.safety * exp(-log(ratio) / order)).max(o.max_shrink).min(o.safety);
                 control.rejected += 1;
                 refused = Some(attempt);

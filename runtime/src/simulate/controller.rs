@@ -134,7 +134,7 @@ impl Control {
         self.last = if cut { self.last } else { now.max(log(o.min_previous_error)).min(0.0) };
         // What was foretold and did not come may be rounding, or a guard that never gets there, unless it comes
         // nearer.
-        let further = aims && aim > t + o.retarget_distance * h;
+        let further = aims && aim > t + h;
         self.missed = match (further, aims) {
             (true, _) => self.missed.saturating_add(1),
             (false, true) => 0,

@@ -479,7 +479,8 @@ impl<'p, M: Machine> Iteration<'p, M> {
 
     /// Ends where the residual is what rounding leaves.
     fn rest(&self) -> Flow {
-        let most = self.m.tolerance(self.method.options.residual) * self.weights.energy();
+        let rounding = self.method.options.rounding;
+        let most = self.m.tolerance(rounding * rounding) * self.weights.energy();
         self.m.when(self.size.get().at_most(most), || {
             self.no_rounding();
             self.finish(DONE)
@@ -638,10 +639,10 @@ impl<'p, M: Machine> Iteration<'p, M> {
         let (m, o) = (self.m, &self.method.options);
         let (last, made) = (self.before.get(), self.made.get().is_set());
         let slow = made.clone() & (self.number(o.slow) * last).at_most(square);
-        let (most, stalled) = (m.tolerance(o.linear.0), m.tolerance(o.linear.1));
+        let most = m.tolerance(o.linear);
         let t = m.tolerance(self.method.left) * ((last / square).unary(Unary::Sqrt) - self.number(1.0));
         let t = m.select(t.below(most), t, most);
-        let t = m.select(slow, stalled, t);
+        let t = m.select(slow, m.tolerance(o.stalled), t);
         let t = m.select(made, t, m.tolerance(o.rounding));
         m.when(self.is_small(t), || self.finish(DONE))?;
         self.after(square);

@@ -22,7 +22,7 @@
 //!      equations may weigh little or much, and goes on from there. Not beside an exponential ([`ir::Knee`]) or a pole
 //!      ([`ir::Newton::has_poles`]), from beyond which the update is small by nature.
 //!   2. Where all of `r` is 0, or after `damped` iterations, once an update is more than half of the smallest before or
-//!      after `grace` more, `|r|²` is at most `1e-32 Σ w_i (u_i² + s_i²)`: done. Where a body that all but rests
+//!      after `grace` more, `|r|²` is at most `4e-16² Σ w_i (u_i² + s_i²)`: done. Where a body that all but rests
 //!      sticks, rounding leaves open what holds it.
 //!   3. Solve `J d = r`. Where that fails, or `J` or `d` is not finite: halve as in 1, if that is still allowed; before
 //!      the first update, add 1e-3 of the scale (of 1 where that is 0) to the unknowns and start over, and another
@@ -61,7 +61,7 @@
 //! Where the body gives the update itself, with a matrix that is near the Jacobian (the simplified method), 3 is what
 //! it gave, and fails where `d` is not finite and cannot be halved. Convergence then is linear: with θ = |d|/|e| what
 //! is still off is near θ/(1 - θ) d. So it is done where small(t) with `t = min(1e-12, left (1/θ - 1))`, or
-//! small(1e-14) where θ is at least a half.
+//! small(1e-12) where θ is at least a half.
 //!
 //! Where it is asked for, the rounding error of each unknown `u = v - d` after an update is kept, `(v - u) -
 //! d`: the solution is nearer to `u` with it than to `u`. Such a `d` is a residual, some units in the last place of

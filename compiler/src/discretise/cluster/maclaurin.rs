@@ -147,7 +147,7 @@ impl Series {
             worst
         };
         let halved = |k: i32| far * libm::exp2(f64::from(-k));
-        if !(far >= by.radius && off(far) <= by.same) || LOOKS.iter().all(|k| off(halved(*k)) <= by.closed) {
+        if !(far > 0.0 && off(far) <= by.same) || LOOKS.iter().all(|k| off(halved(*k)) <= by.closed) {
             return None;
         }
         let good = (0..HALVINGS).take_while(|k| off(halved(*k)) <= by.closed).last();
