@@ -62,3 +62,20 @@ pub(super) struct LetGo {
     /// The part of the interval for which it was held.
     pub(super) lasted: f64,
 }
+
+/// How the answer of one other side is taken anew.
+#[derive(Debug)]
+pub(super) struct Tangent {
+    /// The other side.
+    pub(super) other: usize,
+    /// The ports that are held for it, by their number at the holder.
+    pub(super) held: Vec<usize>,
+    /// Steps of an interval, of each part of it.
+    pub(super) steps: usize,
+    pub(super) state: Vec<f64>,
+    pub(super) input: Vec<f64>,
+    pub(super) answers: Vec<f64>,
+    /// The answers of so few steps at the start, and the ones that were measured.
+    pub(super) first: Vec<f64>,
+    pub(super) measured: Vec<f64>,
+}

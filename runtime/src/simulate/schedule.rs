@@ -2,7 +2,7 @@
 
 use super::block_routine::BlockExecution;
 use super::cluster::Run;
-use super::hold::{Held, Report};
+use super::hold::{Held, Report, Tangent};
 use super::input_signal::InputSignal;
 use super::joined::Joined;
 use super::kept::Before;
@@ -10,7 +10,6 @@ use super::program::Look;
 use super::rate_transition::RateTransition;
 use super::sampling::Scratch;
 use super::stepping::Stepping;
-use super::tangent::Tangent;
 use super::{Error, Options};
 use crate::energy::interval;
 use crate::interpreter::Interpret;

@@ -6,6 +6,7 @@
 //! become since then, as a ratio, the answer has become. So has what follows in the intervals after: of a body that is
 //! lighter now, all of its motion is larger.
 
+use super::hold::Tangent;
 use super::schedule::Simulation;
 use crate::energy::AR_ORDER;
 
@@ -16,23 +17,6 @@ const CHANGE: f64 = 1e-4;
 const STEPS: usize = 8;
 /// What they give is the answer, but for this part of the largest.
 const AGREES: f64 = 1e-3;
-
-/// How the answer of one other side is taken anew.
-#[derive(Debug)]
-pub(super) struct Tangent {
-    /// The other side.
-    other: usize,
-    /// The ports that are held for it, by their number at the holder.
-    held: Vec<usize>,
-    /// Steps of an interval, of each part of it.
-    steps: usize,
-    state: Vec<f64>,
-    input: Vec<f64>,
-    answers: Vec<f64>,
-    /// The answers of so few steps at the start, and the ones that were measured.
-    first: Vec<f64>,
-    measured: Vec<f64>,
-}
 
 impl Simulation<'_> {
     /// Whether what a cluster holds is found from the other side's answer at all, and that can be taken anew: of its

@@ -3,8 +3,8 @@
 //!
 //! It does what `bond_runtime::simulate` does at fixed steps, operation by operation, so that its numbers are the same.
 //! What it does not have: admittances that are taken anew at each sample, adaptive steps, steps that are halved where
-//! Newton's method fails (they end the interval), tables of inputs, ledgers of single elements, outsides that are silent.
-//! Steps that neither meet the samples nor are concerned by them are laid between them.
+//! Newton's method fails (they end the interval), tables of inputs, ledgers of single elements, outsides that are
+//! silent. Steps that neither meet the samples nor are concerned by them are laid between them.
 
 mod block;
 mod block_program;
