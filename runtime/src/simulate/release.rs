@@ -311,15 +311,15 @@ impl Simulation<'_> {
 
     /// Whether a holder draws on what its own sources put in within the interval. That is looked at until its end where
     /// all bars of the holder lead to continuous regions. Where one leads to a sampled region, a step may turn out
-    /// another one, and with a latency what is held changes: then what they put in counts when it is known.
+    /// another one; with a latency what is held changes; and an encoder reads another motion than there is. Then what
+    /// they put in counts when it is known.
     fn counts_on_sources(&self, holder: usize) -> bool {
         let scene = self.scene;
         let sampled = |i: usize| scene.clusters[i].period.is_some();
         let sources = scene.clusters[holder].entries.iter().any(|e| e.sources().next().is_some());
-        let mut bars = scene.bars.iter().map(|b| (b.holder.0, b.other.0));
-        let is_looked_at = bars.all(|(i, other)| match (i == holder, other == holder) {
-            (true, _) => !sampled(other),
-            (_, true) => !sampled(i),
+        let is_looked_at = scene.bars.iter().all(|b| match (b.holder.0 == holder, b.other.0 == holder) {
+            (true, _) => !sampled(b.other.0) && b.resolution == 0.0,
+            (_, true) => !sampled(b.holder.0),
             (false, false) => true,
         });
         sources && is_looked_at && scene.clusters[holder].latency == 0.0
