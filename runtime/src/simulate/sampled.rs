@@ -109,7 +109,8 @@ impl Simulation<'_> {
             let free_response = moved + self.yielded_to_pulses(i, k);
             let (value, lasted) = self.pulse(i, k);
             // So much of the period was it held.
-            let part = if lasted < 1.0 { lasted * (1.0 - self.scene.clusters[i].latency / length) } else { 1.0 };
+            let is_let_go = self.held[i][k].let_go.is_some();
+            let part = if is_let_go { lasted * (1.0 - self.scene.clusters[i].latency / length) } else { 1.0 };
             hold::note(Real::new(), sampling, p, free_response, part * value);
             sampling.store(p.last_q, sampling.load(p.q));
             return;

@@ -101,7 +101,10 @@ impl Simulation<'_> {
         tangent.answers.fill(0.0);
         let mut done = Some(());
         for s in 0..tangent.held.len() {
-            let change = probe.or_else(|| self.change(i, tangent.held[s]))?;
+            let Some(change) = probe.or_else(|| self.change(i, tangent.held[s])) else {
+                done = None;
+                break;
+            };
             for sign in [1.0, -1.0] {
                 done = done.and(self.answer(i, tangent, (s, sign * change), at));
             }
