@@ -186,8 +186,13 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     let plural = if r.states == 1 { "" } else { "s" };
     writeln!(out, "\n{:11} {}: {kind}, {} state{plural}", "region", r.name, r.states)?;
     let order = if r.order == 0 { "without error".to_string() } else { format!("order {}", r.order) };
-    let newton = if r.newton_iterations > 0 && r.steps > 0 {
-        let each = short(r.newton_iterations as f64 / r.steps as f64);
+    // An explicit method iterates in its fallback alone.
+    let implicit = match (&r.fallback, r.explicit) {
+        (Some((_, n)), true) => *n,
+        (_, _) => r.steps,
+    };
+    let newton = if r.newton_iterations > 0 && implicit > 0 {
+        let each = short(r.newton_iterations as f64 / implicit as f64);
         format!(", {each} Newton iteration{} each", if each == "1" { "" } else { "s" })
     } else {
         String::new()
@@ -195,7 +200,8 @@ fn region(out: &mut String, r: &RegionSummary) -> std::fmt::Result {
     let counted = |n: u64, what: &str| if n > 0 { format!(", {n} {what}") } else { String::new() };
     let rejected = counted(r.rejected, "rejected");
     let events = counted(r.events, if r.events == 1 { "event" } else { "events" });
-    writeln!(out, "  {:11} {} ({order}), {} steps{rejected}{events}{newton}", "stepper", r.stepper, r.steps)?;
+    let others = r.fallback.as_ref().map(|(name, n)| format!(" ({n} by {name})")).unwrap_or_default();
+    writeln!(out, "  {:11} {} ({order}), {} steps{others}{rejected}{events}{newton}", "stepper", r.stepper, r.steps)?;
     if !r.why.is_empty() {
         writeln!(out, "  {:11} {}", "because", r.why)?;
     }
@@ -422,6 +428,9 @@ impl Serialize for Region<'_> {
             map.serialize_entry("latency", &r.latency)?;
         }
         map.serialize_entry("steps", &r.steps)?;
+        if let Some((method, steps)) = &r.fallback {
+            map.serialize_entry("fallback", &serde_json::json!({ "method": method, "steps": steps }))?;
+        }
         map.serialize_entry("rejected", &r.rejected)?;
         map.serialize_entry("events", &r.events)?;
         map.serialize_entry("newton_iterations", &r.newton_iterations)?;

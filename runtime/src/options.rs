@@ -37,12 +37,15 @@ impl NumericOptions {
     /// Whether a run with them comes to an end: what is to be tried again becomes shorter, and counts are not endless.
     pub fn is_sound(&self) -> bool {
         let Self { controller: c, error: e, events: v } = self;
-        let counts = [c.max_crawling, c.crawl_refund, c.max_own_failures, c.max_missed, v.max_chatter];
+        let counts = [c.max_crawling, c.crawl_refund, c.max_own_failures, c.max_missed, c.stiff, c.calm, v.max_chatter];
         let looks = [e.looks, e.exponential_looks, e.missed_looks];
         let bounded = counts.iter().all(|n| *n <= MOST)
             && c.max_crawling.checked_mul(c.crawl_refund).is_some_and(|n| n < u32::MAX - MOST)
             && looks.iter().all(|n| u32::try_from(*n).is_ok_and(|n| n <= MOST));
+        // A step may go past a predicted event by so much; tried again, it has to be shorter all the same.
+        let past = (1.0 + c.overshoot_min).powi(2);
         bounded
+            && past * c.failure_shrink.max(c.safety) < 1.0
             && make_shorter(&[c.safety, c.max_shrink, c.failure_shrink, e.look_shrink])
             && are_sizes(&[
                 c.max_growth,
@@ -53,7 +56,7 @@ impl NumericOptions {
             ])
             && are_sizes(&[c.first_step, c.period_fraction, c.time_resolution, c.min_step, c.min_step_exponential])
             && are_sizes(&[c.fresh_step, c.crawl, c.endless, c.balance_decay, c.phase_start, c.overshoot_min])
-            && are_sizes(&[c.overshoot_max, c.overshoot_drift, c.min_event_cut])
+            && are_sizes(&[c.overshoot_max, c.overshoot_drift, c.min_event_cut, c.stable])
             && are_sizes(&[e.state_floor, e.faintest_change, e.max_state_growth])
             && are_sizes(&[e.max_first_move, e.thrown_ratio, e.missed_move])
             && are_sizes(&[v.start, v.peek, v.slow_round, v.noise_floor, v.min_jump, v.max_gap])
@@ -103,6 +106,13 @@ pub struct ControllerOptions {
     pub endless: f64,
     /// Attempts that fail before the fallback stepper tries.
     pub max_own_failures: u32,
+    /// Step times largest eigenvalue up to which an explicit step is stable (that of order 8 of Dormand and Prince).
+    pub stable: f64,
+    /// Steps beyond that, in less than `calm` steps between one another, after which the region is stiff. As many steps
+    /// of the fallback stepper that are no longer than such a step show that it is not.
+    pub stiff: u32,
+    /// Steps in a row within it after which none before them counts.
+    pub calm: u32,
     /// Part below which what a balance is off by falls when the step is cut, where a quadrature is why.
     pub balance_decay: f64,
     /// First step after an event, as a part of the last phase of the same kind.
@@ -141,6 +151,9 @@ impl Default for ControllerOptions {
             crawl_refund: 4,
             endless: 1e-7,
             max_own_failures: 6,
+            stable: 6.1,
+            stiff: 15,
+            calm: 6,
             balance_decay: 1.0 / 16.0,
             phase_start: 1.0 / 3.0,
             overshoot_min: 1.0 / 256.0,

@@ -78,8 +78,10 @@ pub struct Watched {
 pub struct Made {
     /// How long steps of continuous regions would be, s.
     pub pace: f64,
-    /// The error to which they would be fitted, relative; None where they would be of one length.
+    /// The error to which they would be fitted, relative, where one was said.
     pub tolerance: Option<f64>,
+    /// Whether they would be fitted to an error at all, or else of one length.
+    pub fitted: bool,
 }
 
 /// What of a model does not run, by name.
@@ -211,6 +213,9 @@ pub struct Stepper {
     /// the energy and signal states, then of the integrals. The estimate is of the order of a method one order below.
     /// Without one, adaptive steps are doubled.
     pub estimate: Option<usize>,
+    /// The output of `program` that tells how stiff the step before was: its length times the largest eigenvalue of the
+    /// region, about. Where it says that stability bounds the steps, `fallback` takes over.
+    pub stiffness: Option<usize>,
     /// For `exact`: what the table is made of.
     pub linear: Option<Linear>,
     /// For `exact`: the same without the energies, for a look between two steps. It has none itself.
@@ -226,7 +231,17 @@ impl Stepper {
     /// A stepper that is its program and nothing else.
     pub fn new(name: &'static str, properties: Properties, program: Program) -> Self {
         let why = Cow::Borrowed("");
-        Self { name: name.into(), why, properties, program, estimate: None, linear: None, glance: None, fallback: None }
+        Self {
+            name: name.into(),
+            why,
+            properties,
+            program,
+            estimate: None,
+            stiffness: None,
+            linear: None,
+            glance: None,
+            fallback: None,
+        }
     }
 }
 

@@ -1,7 +1,12 @@
 //! Where the iterations of `gonzalez` steps begin, and how soon they end.
 
-use crate::common::{finish, start, text};
-use bond::Steps;
+use crate::common::{finish, start, with};
+use bond::{Compiled, Options, Steps};
+
+/// By the method whose iterations are counted.
+fn text(model: &str) -> Compiled {
+    with(Options::new().method("gonzalez"), model)
+}
 
 /// A mass on a spring of the third degree.
 fn duffing(q0: f64, more: &str) -> String {

@@ -159,7 +159,8 @@ fn energy_does_not_drift() {
             let (s, most) = take(&compiled, &title, h, steps);
             // Far beyond the fastest time a step's equations have rounding of their own; `exact` has not, and is the
             // default there.
-            let bar = if title.starts_with("undamped, collocation") { 1e-8 } else { 1e-10 };
+            let far = ["undamped, collocation", "undamped, projected8"].iter().any(|t| title.starts_with(t));
+            let bar = if far { 1e-8 } else { 1e-10 };
             assert!(most <= bar || method == "radau", "{title}: the energy is off by {most:e}");
             assert!(s.worst_step <= 1e-12, "{title}: a step's balance is off by {:e}", s.worst_step);
         }

@@ -109,6 +109,7 @@ fn a_run_by_its_numbers_has_an_end() {
     };
     assert!(reads(|_| ()) && reads(|n| n.controller.failure_shrink = 0.5));
     assert!(!reads(|n| n.controller.failure_shrink = 1.0) && !reads(|n| n.controller.safety = f64::NAN));
+    assert!(!reads(|n| n.controller.overshoot_min = 1.0) && !reads(|n| n.controller.stable = -1.0));
     assert!(!reads(|n| n.controller.max_crawling = u32::MAX) && !reads(|n| n.error.looks = -1));
     assert!(!reads(|n| n.events.max_gap = f64::INFINITY));
     let mut scene = compiled.scene().clone();

@@ -177,7 +177,7 @@ fn vectors_have_the_same_bits() {
         ),
     ];
     for (name, text, h) in cases {
-        let compiled = with(Options::new().model("A"), &format!("{WALL}{text}"));
+        let compiled = with(Options::new().model("A").method("gonzalez"), &format!("{WALL}{text}"));
         let (u, _) = emit(&compiled, h).unwrap_or_else(|e| panic!("{name}: {e}"));
         // Lanes begin where nothing is foretold, and so go by the form that goes on as well.
         assert_eq!(u.lane_forms.len(), if name == "an iteration" { 2 } else { u.lane_forms.len().max(1) }, "{name}");

@@ -167,7 +167,7 @@ fn small_motions_are_those_of_the_slope_at_rest() {
 #[test]
 fn beyond_its_reach_a_law_stops_the_run() {
     let compiled = with(
-        Options::new(),
+        Options::new().method("gonzalez"),
         "model M {
            C:c { e = 1 N * sin(q/(1 m))/(q/(1 m)); q0 = 1 m }  I:m = 1 kg  Se:F = 3 N
            F -> 1:v

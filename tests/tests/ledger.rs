@@ -443,7 +443,7 @@ fn what_gives_little_beside_heat_is_seen() {
         crate::common::finish(&mut sim, 3.0);
         let summary = sim.summary();
         assert_eq!(summary.passive, passive, "{law}: {:?}", summary.reasons);
-        assert!(passive || summary.reasons[0].contains("J in all"), "{law}: {:?}", summary.reasons);
+        assert!(passive || summary.reasons[0].contains("`a` in `w` gave energy"), "{law}: {:?}", summary.reasons);
     }
 }
 

@@ -35,6 +35,7 @@ mod mutations;
 mod orders;
 mod parse;
 mod program;
+mod projection;
 mod random;
 mod real_loops;
 mod reduction;

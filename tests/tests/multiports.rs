@@ -42,7 +42,8 @@ fn coupled_coils_follow_their_matrix() {
 /// A double pendulum as one energy of two angles and two momenta: order 2, and the energy to rounding.
 #[test]
 fn a_double_pendulum_is_one_field() {
-    let compiled = text(
+    let compiled = with(
+        Options::new().method("gonzalez"),
         "model D(m = 1 kg, l = 1 m, g = 9.81 m/s^2) {
            IC(I p1, I p2, C q1, C q2):arm {
              H = (p1^2 + 2*p2^2 - 2*p1*p2*cos(q1 - q2)) / (2*m*l^2*(1 + sin(q1 - q2)^2)) - m*g*l*(2*cos(q1) + cos(q2))
@@ -159,8 +160,10 @@ fn a_four_bar_linkage_stays_closed() {
     let t3 = base + ((b * b + s * s - c * c) / (2.0 * b * s)).acos();
     let t4 = (a * 1f64.sin() + b * t3.sin()).atan2(a * 1f64.cos() + b * t3.cos() - d);
     let model = |h0: f64| {
-        text(&format!(
-            "model F(a = {a} m, b = {b} m, c = {c} m, d = {d} m) {{
+        with(
+            Options::new().method("gonzalez"),
+            &format!(
+                "model F(a = {a} m, b = {b} m, c = {c} m, d = {d} m) {{
                I:J2 {{ inertia = 0.01 kg*m^2; f0 = {h0} rad/s }}
                I:J4 = 0.02 kg*m^2
                I:J3 = 0.005 kg*m^2
@@ -175,7 +178,8 @@ fn a_four_bar_linkage_stays_closed() {
                probe x = a*cos(t2.q) + b*cos(t3.q) - d - c*cos(t4.q)
                probe y = a*sin(t2.q) + b*sin(t3.q) - c*sin(t4.q)
                probe e = J2.P }}"
-        ))
+            ),
+        )
     };
     let compiled = model(10.0);
     let off =
@@ -192,7 +196,8 @@ fn a_four_bar_linkage_stays_closed() {
 /// A nonlinear storage with a linear one in parallel is one nonlinear storage: against the merged element itself.
 #[test]
 fn a_linear_storage_beside_a_curved_one_is_merged() {
-    let tied = text(
+    let tied = with(
+        Options::new().method("gonzalez"),
         "model T { C:a { H = 1 V/C^3 * q^4/4 + 1 V/C * q^2/2; q0 = 1 C }; C:b = 0.5 F; I:l = 1 H
            0:n -> l; a -> n; b -> n; probe v = n.e; probe q = b.q; probe i = l.f }",
     );

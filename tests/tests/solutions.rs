@@ -276,7 +276,8 @@ fn modulated_resistors_run_either_way() {
 /// A storage without energy counts an angle, and a ratio that follows it pulls a spring: x = l (sin th - sin th0).
 #[test]
 fn a_ratio_follows_a_counted_angle() {
-    let compiled = text(
+    let compiled = with(
+        Options::new().method("gonzalez"),
         "model Crank(l = 0.5 m) {
           I:rotor { inertia = 2 kg*m^2; f0 = 3 rad/s }
           C:th { H = 0; q0 = 1 rad }
@@ -599,7 +600,7 @@ fn the_joints_of_an_arm_move_its_masses() {
     ];
     for arm in arms {
         let text = arm.text();
-        let compiled = crate::common::text(&text);
+        let compiled = crate::common::with(Options::new().method("gonzalez"), &text);
         let shown = compiled.show("phs");
         assert!(!shown.contains(".p'"), "divided by a ratio: {text}");
         let wanted = arm.angles(0.5);

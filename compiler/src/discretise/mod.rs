@@ -83,7 +83,7 @@ pub fn discretise(
     }
     let asked = Asked { method, tolerance, accuracy };
     let place = |s: Symbol| places.get(&s).copied();
-    let made = Made { pace: model.settings.pace, tolerance };
+    let made = Made { pace: model.settings.pace, tolerance, fitted: accuracy.is_fitted() };
     let sizes = sizes(&clusters, model, form);
     let energy = sizes.energy;
     let mut scene =

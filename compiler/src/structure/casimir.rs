@@ -22,7 +22,7 @@ pub(super) fn bound(model: &Model, form: &mut Form) {
         .regions
         .iter()
         .enumerate()
-        .filter(|(_, r)| r.states.len() <= MOST && r.groups.iter().any(|g| !g.bounded))
+        .filter(|(_, r)| r.groups.iter().any(|g| !g.bounded))
         .flat_map(|(i, r)| least_of(model, form, r).into_iter().map(move |(g, x)| (i, g, x)))
         .collect();
     for (region, group, at) in found {
@@ -47,7 +47,7 @@ fn least_of(model: &Model, form: &Form, region: &Region) -> Vec<(usize, f64)> {
         })
         .collect();
     let mut list = Vec::new();
-    for weights in casimirs(model, form, region) {
+    for weights in square_casimirs(model, form, region) {
         let square: f64 = weights.iter().zip(&region.states).map(|(w, s)| w * s.initial * s.initial).sum();
         let here = falling.iter().filter(|f| weights[f.1] > 0.0 && list.iter().all(|l: &(usize, f64)| l.0 != f.0));
         let here: Vec<&(usize, usize, f64)> = here.collect();
@@ -62,8 +62,11 @@ fn least_of(model: &Model, form: &Form, region: &Region) -> Vec<(usize, f64)> {
 }
 
 /// Sums of squares of states that nothing changes: the weights of each, none below 0.
-fn casimirs(model: &Model, form: &Form, region: &Region) -> Vec<Vec<f64>> {
+pub(crate) fn square_casimirs(model: &Model, form: &Form, region: &Region) -> Vec<Vec<f64>> {
     let n = region.states.len();
+    if n > MOST {
+        return Vec::new();
+    }
     let mut columns: FxHashMap<ColumnId, Vec<(usize, Expr)>> = FxHashMap::default();
     for (i, s) in region.states.iter().enumerate() {
         for (column, k) in &form.column(s.column).row {

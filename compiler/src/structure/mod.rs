@@ -20,6 +20,7 @@ mod start;
 mod steered;
 mod storage;
 
+pub(crate) use casimir::square_casimirs;
 pub use explicit::{Explicit, explicit, inverse};
 
 use crate::causality::{self, Causality, holder};

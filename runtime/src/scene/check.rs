@@ -205,7 +205,8 @@ impl Check<'_> {
             self.that(inner.glance.is_none() && inner.fallback.is_none(), "a stepper is nested too deeply")?;
             self.stepper(inner, inputs)?;
         }
-        let outputs = c.step.program.size(Array::Output);
+        // What estimates the error of a step comes after all that is reported of it.
+        let outputs = c.step.estimate.unwrap_or_else(|| c.step.program.size(Array::Output));
         let reports = c.step.fallback.as_ref().is_none_or(|f| f.program.size(Array::Output) >= outputs);
         self.that(reports, "what takes its place reports less")?;
         for program in [&c.instant, &c.stored].into_iter().chain(c.guards.iter().map(|g| &g.program)) {
@@ -249,6 +250,7 @@ impl Check<'_> {
         let estimate = s.estimate.map_or(Some(0), |at| at.checked_add(self.c.states)?.checked_add(self.c.integrals));
         let outputs = s.program.size(Array::Output);
         self.that(estimate.is_some_and(|end| end <= outputs), "the error of its step is not computed")?;
+        self.that(s.stiffness.is_none_or(|at| at < outputs), "how stiff its step is, is not computed")?;
         self.that(s.program.size(Array::Next) == n, "its step gives another state")
     }
 

@@ -107,6 +107,7 @@ impl Fitted<'_> {
             return Ok(());
         }
         fit.shown = None;
+        run.by_spare = fit.control.stiff;
         let mut now = run.time();
         let least = 1e-12 * t.abs().max(now.abs());
         run.glanced.copy_from_slice(&run.state);
@@ -232,7 +233,8 @@ impl Fitted<'_> {
         };
         let unsolved = shortest.max(o.min_step * control.ahead.min(longest).min(usual));
         let (smallest, result) = loop {
-            self.fit.spare = failures >= o.max_own_failures;
+            // What is stiff is the fallback's, and what one of the two cannot step the other's.
+            self.fit.spare = (failures >= o.max_own_failures) != control.stiff;
             let h = control.ahead.min(longest);
             let aimed = control.aimed((t, h), (shortest.max(self.fit.numeric.events.start * usual), longest), &o);
             let aims = aimed.is_some();
@@ -296,11 +298,18 @@ impl Fitted<'_> {
                 endless = !hard;
                 break (h, None);
             }
+            if self.fit.spare {
+                control.by_fallback += if attempt.whole { 1 } else { 2 };
+            }
             if attempt.event {
                 control.after_event((attempt.h, attempt.faint), (ends, usual), &o);
             } else {
                 // What the other stepper took says nothing against longer steps.
                 let own = last_failure.is_some() && !self.fit.spare;
+                if let Some(slot) = self.c.step.stiffness.filter(|_| control.stiff == self.fit.spare) {
+                    let ratio = (!self.fit.spare).then(|| self.fit.whole.output[slot]);
+                    control.feel(attempt.h, ratio, &o);
+                }
                 let most = if refused.is_some() || own { 1.0 } else { o.max_growth };
                 let taken = Accepted { t, h, aims, vain, most, error: ratio, order };
                 control.after_step(taken, self.foretold(t, h), &o);

@@ -7,7 +7,7 @@ use super::trial::{Taken, is_stateless};
 use crate::energy::{AccountPlaces, Ledger};
 use crate::ir::{Array, Slot};
 use crate::kernel::Failure;
-use crate::scene::{Cluster, Entries};
+use crate::scene::Entries;
 
 /// The largest energy so far, above the least that there is, J.
 fn above(ledger: &Ledger, p: &AccountPlaces, e: &Entries) -> f64 {
@@ -75,7 +75,7 @@ impl Fitted<'_> {
         let event = self.event(t, h, aim)?;
         let (h, is_event) = (event.map_or(h, |e| e.0), event.is_some());
         let faint = event.map(|e| e.1).filter(|guard| self.is_faint(*guard));
-        if is_doubled(self.c) {
+        if self.is_doubled() {
             if is_event || self.run.guards.is_none() {
                 self.stride(t, 0.5 * h, Part::First)?;
             }
@@ -84,7 +84,7 @@ impl Fitted<'_> {
         // What ends at a switch was found with a whole step, and so that one counts.
         let near = !is_event && self.is_near();
         let Estimate { error, fresh, worst } = self.estimate(is_event, near)?;
-        let whole = is_event || self.c.step.estimate.is_some();
+        let whole = is_event || self.estimate_at().is_some();
         let off = self.off(whole);
         if off == 0.0 {
             return Ok(Attempt { h, error, fresh, worst, whole, event: is_event, faint });
@@ -257,7 +257,7 @@ impl Fitted<'_> {
         // Errors that are rounding beside what is stored are none.
         let apart = o.state_floor.max(8.0 * f64::EPSILON / fit.tolerance);
         for (i, scale) in fit.scales.iter().enumerate() {
-            let (x, off) = match self.c.step.estimate {
+            let (x, off) = match self.estimate_at() {
                 Some(slot) => (fit.whole.next[i], fit.whole.output[slot + i].abs()),
                 None => (fit.second.next[i], (fit.second.next[i] - fit.whole.next[i]).abs() * part),
             };
@@ -301,6 +301,16 @@ impl Fitted<'_> {
         Ok(most)
     }
 
+    /// The first of the outputs by which the step that is at work estimates its own error, where it does.
+    fn estimate_at(&self) -> Option<usize> {
+        self.c.step.estimate.filter(|_| !self.fit.spare)
+    }
+
+    /// Whether a step is compared with its halves: where it does not estimate its own error, or has no state to do so.
+    fn is_doubled(&self) -> bool {
+        self.estimate_at().is_none() || is_stateless(self.c)
+    }
+
     /// One step, from the state (or the end of the first half) into one of the buffers.
     pub(super) fn stride(&mut self, t: f64, h: f64, part: Part) -> Result<(), Failure> {
         let fit = &mut *self.fit;
@@ -309,7 +319,11 @@ impl Fitted<'_> {
         let state = if part == Part::Second { &fit.first.next } else { &self.run.state };
         let spare = self.run.spare.as_mut().filter(|_| fit.spare);
         let ready = spare.unwrap_or(&mut self.run.step);
-        ready.run(state, &self.run.input)?;
+        let ran = ready.run(state, &self.run.input);
+        let iterations = if fit.spare { std::mem::take(&mut ready.work.newton_iterations) } else { 0 };
+        self.run.step.work.newton_iterations += iterations;
+        ran?;
+        let ready = self.run.spare.as_ref().filter(|_| fit.spare).unwrap_or(&self.run.step);
         let work = &ready.work;
         // 0 times a number is 0 unless it is not finite.
         let spoiled: f64 = work.output.iter().map(|x| 0.0 * x).sum();
@@ -325,13 +339,9 @@ impl Fitted<'_> {
         };
         into.h = h;
         into.next.copy_from_slice(&work.next);
-        let n = into.output.len();
-        into.output.copy_from_slice(&work.output[..n]);
+        // Another stepper that takes the step estimates no error.
+        let n = into.output.len().min(work.output.len());
+        into.output[..n].copy_from_slice(&work.output[..n]);
         Ok(())
     }
-}
-
-/// Whether a step is compared with its halves: where it does not estimate its own error, or has no state to do so.
-fn is_doubled(c: &Cluster) -> bool {
-    c.step.estimate.is_none() || is_stateless(c)
 }

@@ -33,6 +33,8 @@ pub(super) struct Run {
     pub(super) glance: Option<Ready>,
     /// Takes what the stepper cannot.
     pub(super) spare: Option<Ready>,
+    /// Whether that is what looks go by.
+    pub(super) by_spare: bool,
     pub(super) instant: Look,
     /// What laws switch on, and its values at the start of the step.
     pub(super) guards: Option<Watch>,
@@ -95,6 +97,7 @@ impl Run {
             step: branch.map_or_else(|| Ready::new(&c.step, backend), |b| Ready::of(&b.program, None, backend)),
             glance: c.step.glance.as_deref().map(|s| Ready::new(s, backend)),
             spare: c.step.fallback.as_deref().map(|s| Ready::new(s, backend)),
+            by_spare: false,
             instant,
             guards: c.guards.as_ref().map(|g| Watch::new(g, scene.numeric.events.min_pivot, backend)),
             before: vec![0.0; c.guards.as_ref().map_or(0, |g| g.count)],
@@ -137,7 +140,11 @@ impl Run {
             Failure::NotFinite { slot } if slot.array == Array::Output => {
                 c.step.program.name_of(slot).map(ToString::to_string)
             }
-            Failure::NotFinite { slot } => c.names.get(slot.index as usize).cloned(),
+            // What a stepper keeps for itself has no name that a reader knows.
+            Failure::NotFinite { slot } => {
+                let known = c.states + c.integrals + c.guesses;
+                c.names[..known].get(slot.index as usize).cloned()
+            }
             // An unknown is a loop, or the change of a state: `d(mass.p)`.
             Failure::NoConvergence { unknown, .. } => {
                 c.step.program.name_of(Slot::new(Array::Local, unknown)).map(|n| {
@@ -304,8 +311,8 @@ impl Run {
         spare.run(&self.state, &self.input)?;
         let (to, from) = (&mut self.step.work, &mut spare.work);
         std::mem::swap(&mut to.next, &mut from.next);
-        let n = to.output.len();
-        to.output.copy_from_slice(&from.output[..n]);
+        let n = to.output.len().min(from.output.len());
+        to.output[..n].copy_from_slice(&from.output[..n]);
         to.newton_iterations += std::mem::take(&mut from.newton_iterations);
         let (ledger, output) = (&self.ledger, &self.step.work.output);
         let closes = self.layout.accounts.iter().zip(&c.entries).all(|(p, e)| closes(ledger, p, e, output));
@@ -378,7 +385,7 @@ impl Run {
     /// Moves what is looked at by one step; where that fails, by two halves. Whether it was one.
     fn glance(&mut self, c: &Cluster, at: f64, h: f64, depth: u32) -> Result<bool, Error> {
         let iterations = self.step.work.newton_iterations;
-        let other = self.spare.as_mut().filter(|_| depth >= OWN).or(self.glance.as_mut());
+        let other = self.spare.as_mut().filter(|_| (depth >= OWN) != self.by_spare).or(self.glance.as_mut());
         let ready = other.unwrap_or(&mut self.step);
         let h = ready.length(h, at);
         self.input[0] = at;

@@ -47,6 +47,15 @@ pub(super) struct Control {
     pub(super) noisy: u64,
     /// The guard that the last step ended just before.
     pub(super) stood: Option<usize>,
+    /// Whether the region is stiff, so that the fallback stepper takes the steps.
+    pub(super) stiff: bool,
+    /// Steps that say that this is to change, and steps in a row since that do not.
+    pub(super) changing: u32,
+    pub(super) calm: u32,
+    /// The longest step that was stable, s.
+    pub(super) stable: f64,
+    /// Steps that the fallback stepper took.
+    pub(super) by_fallback: u64,
     /// Attempts that were not kept.
     pub(super) rejected: u64,
     /// Switches of laws that were located.
@@ -85,6 +94,11 @@ impl Control {
             faint: None,
             noisy: 0,
             stood: None,
+            stiff: false,
+            changing: 0,
+            calm: 0,
+            stable: 0.0,
+            by_fallback: 0,
             rejected: 0,
             events: 0,
         }
@@ -102,6 +116,24 @@ impl Control {
         (close && to != h && (to > o.min_event_cut * h || self.falls)).then_some(to)
     }
 
+    /// Counts a step of length `h` that an explicit stepper took, with what it says of stiffness, or its fallback. What
+    /// is stiff is so until a step of the fallback would have been stable as well.
+    pub(super) fn feel(&mut self, h: f64, ratio: Option<f64>, o: &ControllerOptions) {
+        let changes = match ratio {
+            Some(ratio) => ratio > o.stable,
+            None => h <= self.stable,
+        };
+        if changes {
+            (self.changing, self.calm) = (self.changing + 1, 0);
+        } else {
+            self.calm += 1;
+            self.changing = if self.calm >= o.calm { 0 } else { self.changing };
+        }
+        if self.changing >= o.stiff {
+            (self.stiff, self.stable, self.changing, self.calm) = (!self.stiff, h, 0, 0);
+        }
+    }
+
     /// Counts a step that an event ends, at `ends`.
     pub(super) fn after_event(
         &mut self,
@@ -114,6 +146,7 @@ impl Control {
         let here = self.ahead.min(most.max(o.first_step * usual));
         (self.ahead, self.other) = (self.other, here);
         (self.began, self.aim, self.missed) = (ends, f64::INFINITY, 0);
+        (self.stiff, self.changing, self.calm) = (false, 0, 0);
         self.events += 1;
         self.chatter = if faint.is_some() { self.chatter.saturating_add(1) } else { 0 };
         self.noisy = faint.map_or(0, |guard| self.noisy | noise(guard));

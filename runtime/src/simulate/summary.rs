@@ -97,12 +97,17 @@ pub struct RegionSummary {
     pub why: Cow<'static, str>,
     /// Its order; 0: no error.
     pub order: u32,
+    /// Whether its steps follow from rates alone.
+    pub explicit: bool,
     /// The hold, of a sampled region.
     pub hold: Option<Cow<'static, str>>,
     /// How long after a sample what was found there is held, s.
     pub latency: f64,
     /// Steps done.
     pub steps: u64,
+    /// Those of them that another method took, in adaptive steps, and that method: where a step failed, or an explicit
+    /// one found the region stiff.
+    pub fallback: Option<(Cow<'static, str>, u64)>,
     /// Attempts at adaptive steps that were not kept.
     pub rejected: u64,
     /// Switches of laws at which adaptive steps were ended.
@@ -331,9 +336,16 @@ impl Simulation<'_> {
             stepper: c.step.name.clone(),
             why: c.step.why.clone(),
             order: c.step.properties.order,
+            explicit: c.step.properties.explicit,
             hold: Some(c.hold.clone()).filter(|h| !h.is_empty() && !c.holds.is_empty()),
             latency: c.latency,
             steps: run.steps,
+            fallback: c
+                .step
+                .fallback
+                .as_ref()
+                .zip(control.map(|k| k.by_fallback).filter(|n| *n > 0))
+                .map(|(step, n)| (step.name.clone(), n)),
             rejected: control.map_or(0, |k| k.rejected),
             events: control.map_or(0, |k| k.events),
             newton_iterations,

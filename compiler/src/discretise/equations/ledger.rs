@@ -133,28 +133,8 @@ pub(crate) fn energies(
     for (e, r) in entries.iter().zip(&c.regions) {
         let h = c.energy(&mut model.pool, *r);
         let later = model.pool.substitute(h, &end);
-        let mut v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
-        let of_states =
-            |z: &Expr| model.pool.symbols(*z).iter().all(|s| model.pool.value(*s).is_some() || symbols.contains(s));
-        let moves = |e: Expr| model.pool.contains_any(e, &|s| symbols.contains(&s));
-        let is_offset = |c: &Number, terms: &[(Expr, Number)]| {
-            let moving = terms.iter().filter(|t| moves(t.0)).count();
-            moving > 0 && (moving < terms.len() || !c.is_zero())
-        };
-        let is_coarse = |n: &Node| match n {
-            Node::Unary(Unary::Sin | Unary::Cos, _) => true,
-            Node::Sum(c, terms) => is_offset(c, terms),
-            _ => false,
-        };
-        let coarse = |g: &&Group| model.pool.any_node(g.energy, &is_coarse) && g.coenergy.iter().all(of_states);
-        for g in c.groups_in(*r).iter().filter(coarse) {
-            for (s, z) in g.states.iter().zip(&g.coenergy) {
-                let Some(rest) = rests.get(*s) else { continue };
-                let z = at.lower(&model.pool, b, *z).map_err(|s| missing(model, s))?;
-                let more = b.mul(z, *rest);
-                v = b.add(v, more);
-            }
-        }
+        let v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
+        let v = with_rests(c, model, b, (&mut at, rests), c.groups_in(*r).iter(), v)?;
         b.store(Slot::new(Array::Output, e.energy), v);
         if let Some(slot) = e.before {
             let mut start = Lowering::new(inputs.env.iter().copied());
@@ -169,34 +149,80 @@ pub(crate) fn energies(
             let v = at.lower(&model.pool, b, later).map_err(|s| missing(model, s))?;
             b.store(Slot::new(Array::Output, work.energy), v);
         }
-        if e.size == e.energy {
-            continue;
+        if e.size != e.energy {
+            let size = size(c, model, b, &mut at, c.groups_in(*r).iter(), &end)?;
+            b.store(Slot::new(Array::Output, e.size), size);
         }
-        let mut size = b.number(0.0);
-        for g in c.groups_in(*r) {
-            // What several states share may cancel within itself, as the double pendulum's kinetic energy and its
-            // height do.
-            let parts = if g.states.len() > 1 {
-                error_weights::summands(model, &end, g.energy, error_weights::DEEP)
-            } else {
-                let level = c.energy_form(&mut model.pool, g).energy;
-                let later = model.pool.substitute(level, &end);
-                let size = model.pool.unary(Unary::Abs, later);
-                // Where it passes 0 on its way up from its least, it is there all the same.
-                match energy_minimum::reference(model, g, c) {
-                    (least, true) if least != 0.0 => {
-                        let least = model.pool.float(least);
-                        let above = model.pool.sub(later, least);
-                        let above = model.pool.unary(Unary::Abs, above);
-                        model.pool.add(size, above)
-                    }
-                    (_, _) => size,
-                }
-            };
-            let v = at.lower(&model.pool, b, parts).map_err(|s| missing(model, s))?;
-            size = b.add(size, v);
-        }
-        b.store(Slot::new(Array::Output, e.size), size);
     }
     Ok(())
+}
+
+/// An energy of some groups with what rounding took from their states, where that counts.
+pub(crate) fn with_rests<'a>(
+    c: &Cluster,
+    model: &Model,
+    b: &mut Builder,
+    (at, rests): (&mut Lowering, &[Value]),
+    groups: impl Iterator<Item = &'a Group>,
+    energy: Value,
+) -> Result<Value, Vec<Diagnostic>> {
+    let symbols: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).collect();
+    let of_states =
+        |z: &Expr| model.pool.symbols(*z).iter().all(|s| model.pool.value(*s).is_some() || symbols.contains(s));
+    let moves = |e: Expr| model.pool.contains_any(e, &|s| symbols.contains(&s));
+    let is_offset = |c: &Number, terms: &[(Expr, Number)]| {
+        let moving = terms.iter().filter(|t| moves(t.0)).count();
+        moving > 0 && (moving < terms.len() || !c.is_zero())
+    };
+    let is_coarse = |n: &Node| match n {
+        Node::Unary(Unary::Sin | Unary::Cos, _) => true,
+        Node::Sum(c, terms) => is_offset(c, terms),
+        _ => false,
+    };
+    let mut v = energy;
+    for g in groups.filter(|g| model.pool.any_node(g.energy, &is_coarse) && g.coenergy.iter().all(of_states)) {
+        for (s, z) in g.states.iter().zip(&g.coenergy) {
+            let Some(rest) = rests.get(*s) else { continue };
+            let z = at.lower(&model.pool, b, *z).map_err(|s| missing(model, s))?;
+            let more = b.mul(z, *rest);
+            v = b.add(v, more);
+        }
+    }
+    Ok(v)
+}
+
+/// The sum of the magnitudes of the energies of some groups, and of how far each is above its least.
+pub(crate) fn size<'a>(
+    c: &Cluster,
+    model: &mut Model,
+    b: &mut Builder,
+    at: &mut Lowering,
+    groups: impl Iterator<Item = &'a Group>,
+    end: &FxHashMap<Symbol, Expr>,
+) -> Result<Value, Vec<Diagnostic>> {
+    let mut size = b.number(0.0);
+    for g in groups {
+        // What several states share may cancel within itself, as the double pendulum's kinetic energy and its
+        // height do.
+        let parts = if g.states.len() > 1 {
+            error_weights::summands(model, end, g.energy, error_weights::DEEP)
+        } else {
+            let level = c.energy_form(&mut model.pool, g).energy;
+            let later = model.pool.substitute(level, end);
+            let size = model.pool.unary(Unary::Abs, later);
+            // Where it passes 0 on its way up from its least, it is there all the same.
+            match energy_minimum::reference(model, g, c) {
+                (least, true) if least != 0.0 => {
+                    let least = model.pool.float(least);
+                    let above = model.pool.sub(later, least);
+                    let above = model.pool.unary(Unary::Abs, above);
+                    model.pool.add(size, above)
+                }
+                (_, _) => size,
+            }
+        };
+        let v = at.lower(&model.pool, b, parts).map_err(|s| missing(model, s))?;
+        size = b.add(size, v);
+    }
+    Ok(size)
 }

@@ -21,7 +21,7 @@ use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use bond_runtime::scene::{Branch, Properties};
 use collocation::tableau::Nodes;
-use explicit::Tableau;
+use explicit::tableau::{self, Tableau};
 use label::{Label, Refusal, Step};
 
 /// Which regions a stepper steps.
@@ -59,6 +59,12 @@ impl Row {
         let properties = Properties { order, stages: tableau.stages(), explicit: true, ..Properties::NONE };
         let label = Label { name, properties, fallback: None };
         Row { label, regions: Regions::Continuous, write: Write::Explicit(tableau) }
+    }
+
+    /// Of steps that keep the balance.
+    const fn passive(self) -> Row {
+        let properties = Properties { passive: true, ..self.label.properties };
+        Row { label: Label { properties, ..self.label }, ..self }
     }
 
     /// With other regions than the continuous ones.
@@ -106,6 +112,8 @@ const fn gauss(stages: u32) -> Properties {
     Properties { order: 2 * stages, stages, ..MIDPOINT }
 }
 
+const COLLOCATION8: Label = Label { name: "collocation8", properties: gauss(4), fallback: None };
+
 /// Those of Radau IIA of 3 stages.
 const RADAU: Properties =
     Properties { order: 5, stages: 3, l_stable: true, stiffly_accurate: true, passive: true, ..Properties::NONE };
@@ -122,7 +130,7 @@ table! {
     Collocation6: Row::implicit("collocation6", gauss(3), |l, c, m, f| collocation::step(l, c, m, f, Nodes::Gauss(3)))
         .or(&GONZALEZ);
     /// The same of 4.
-    Collocation8: Row::implicit("collocation8", gauss(4), |l, c, m, f| collocation::step(l, c, m, f, Nodes::Gauss(4)))
+    Collocation8: Row::implicit(COLLOCATION8.name, COLLOCATION8.properties, |l, c, m, f| collocation::step(l, c, m, f, Nodes::Gauss(4)))
         .or(&GONZALEZ);
     /// The same of 5.
     Collocation10: Row::implicit("collocation10", gauss(5), |l, c, m, f| collocation::step(l, c, m, f, Nodes::Gauss(5)))
@@ -137,16 +145,18 @@ table! {
     /// The paper's own, for sampled regions.
     Ray: Row::implicit("ray", Properties { order: 1, stages: 1, passive: true, ..Properties::NONE }, ray::step)
         .of(Regions::Sampled);
+    /// That of Dormand and Prince of order 8, put back on the balance after each step.
+    Projected8: Row::explicit("projected8", 8, &tableau::PROJECTED8).passive().or(&COLLOCATION8);
     /// Explicit Euler.
-    Euler: Row::explicit("euler", 1, &explicit::EULER);
+    Euler: Row::explicit("euler", 1, &tableau::EULER);
     /// The semi-implicit Euler method.
-    SymplecticEuler: Row::explicit("symplectic_euler", 1, &explicit::SYMPLECTIC);
+    SymplecticEuler: Row::explicit("symplectic_euler", 1, &tableau::SYMPLECTIC);
     /// The classical Runge-Kutta method.
-    Rk4: Row::explicit("rk4", 4, &explicit::RK4);
+    Rk4: Row::explicit("rk4", 4, &tableau::RK4);
     /// That of Dormand and Prince, of order 5 with an estimate of order 4.
-    Rk45: Row::explicit("rk45", 5, &explicit::RK45);
+    Rk45: Row::explicit("rk45", 5, &tableau::RK45);
     /// Theirs of order 8 with estimates of order 5 and 3.
-    Dop853: Row::explicit("dop853", 8, &explicit::DOP853);
+    Dop853: Row::explicit("dop853", 8, &tableau::DOP853);
 }
 
 impl Method {

@@ -221,13 +221,16 @@ impl Plan {
         (b, lowering): (&mut Builder, &mut Lowering),
         (unknowns, residuals): (&[Symbol], Vec<Expr>),
         inputs: &Inputs,
-        (whole, apart): (bool, Option<&Decoupled>),
+        (whole, apart, own): (bool, Option<&Decoupled>, bool),
     ) -> Result<FxHashMap<Symbol, Value>, Vec<Diagnostic>> {
+        let s = self.tableau.stages();
         let (weight, scale) = discrete_gradient::measures(c, model, form, b, lowering, inputs)?;
-        let start = guesses(b, c, &self.tableau, inputs);
+        let start = match own {
+            true => guesses(b, c, &self.tableau, inputs),
+            false => cold(b, c, s, inputs),
+        };
         self.points.iter().for_each(|p| p.bind(b, c, lowering, inputs, &start));
         lowering.last(c.states.iter().map(|s| s.symbol));
-        let s = self.tableau.stages();
         let carries = inputs.carries.iter().map(|slot| (!whole).then(|| b.load(*slot)));
         let states = c.states.iter().map(|s| s.symbol).zip(carries).collect();
         let knees = self.knees(c);
@@ -449,6 +452,13 @@ fn guesses(b: &mut Builder, c: &Cluster, tableau: &Tableau, inputs: &Inputs) -> 
     list
 }
 
+/// What they start from where nothing is kept.
+fn cold(b: &mut Builder, c: &Cluster, stages: usize, inputs: &Inputs) -> Vec<Value> {
+    let zero = b.number(0.0);
+    let one: Vec<Value> = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();
+    one.repeat(stages)
+}
+
 /// Keeps the polynomial of this step.
 fn keep(b: &mut Builder, c: &Cluster, tableau: &Tableau, h: Value, found: &[Value]) {
     let (s, n) = (tableau.stages(), c.states.len() + c.loops.len());
@@ -494,7 +504,19 @@ pub(crate) fn step(
     c.memory = if linear { 0 } else { memory(c, nodes) };
     c.recalls = Some(Recall::Length);
     c.watched = nodes != Nodes::Radau && !linear && !follows;
-    Ok(write(c, model, form, (label, nodes), decoupled.as_ref())?)
+    Ok(write(c, model, form, (label, nodes, true), decoupled.as_ref())?)
+}
+
+/// The step of 4 stages of a cluster that another stepper steps, for what that cannot. It keeps nothing.
+pub(crate) fn write_fallback(
+    label: Label,
+    c: &Cluster,
+    model: &mut Model,
+    form: &Form,
+) -> Result<Step, Vec<Diagnostic>> {
+    let nodes = Nodes::Gauss(4);
+    let decoupled = Decoupled::new(c, model, form, nodes);
+    write(c, model, form, (label, nodes, false), decoupled.as_ref())
 }
 
 /// Writes the step.
@@ -502,7 +524,7 @@ fn write(
     c: &Cluster,
     model: &mut Model,
     form: &Form,
-    (label, nodes): (Label, Nodes),
+    (label, nodes, own): (Label, Nodes, bool),
     apart: Option<&Decoupled>,
 ) -> Result<Step, Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, &format!("{} step", label.name)));
@@ -524,7 +546,8 @@ fn write(
         }
         None => {
             let equations = (&unknowns[..], residuals);
-            let taken = plan.solve((c, model, form), (&mut b, &mut lowering), equations, &inputs, (whole, apart))?;
+            let taken =
+                plan.solve((c, model, form), (&mut b, &mut lowering), equations, &inputs, (whole, apart, own))?;
             (Vec::new(), taken)
         }
     };
@@ -581,8 +604,10 @@ fn write(
     for (i, z) in found[last..].iter().enumerate() {
         b.store(Slot::new(Array::Next, c.states.len() + c.integrals.len() + i), *z);
     }
-    if linear.is_none() {
-        keep(&mut b, c, tableau, inputs.h, &found);
+    match own {
+        true if linear.is_none() => keep(&mut b, c, tableau, inputs.h, &found),
+        true => {}
+        false => inputs::no_memory(&mut b, c),
     }
     changes(c, model, &mut b, &mut lowering, &steps, &entries)?;
     let mut passive = true;
