@@ -52,7 +52,7 @@ pub(super) struct Control {
     /// Steps that say that this is to change, and steps in a row since that do not.
     pub(super) changing: u32,
     pub(super) calm: u32,
-    /// The longest step that was stable, s.
+    /// The length of the step at which that changed last, s.
     pub(super) stable: f64,
     /// Steps that the fallback stepper took.
     pub(super) by_fallback: u64,
