@@ -22,6 +22,9 @@ pub enum Invalid {
     /// An array that is not read is read.
     #[error("{0} is read, but only written to")]
     NotRead(Slot),
+    /// A slot of the scratch is read before this run wrote to it: what stands there is of the run before.
+    #[error("{0} is read before it is written")]
+    NotYetWritten(Slot),
     /// An array that is not written is written.
     #[error("{0} is written, but only read from")]
     NotWritten(Slot),
@@ -47,8 +50,9 @@ pub enum Invalid {
 
 impl Program {
     /// Checks it: each value is defined once, before its uses, and not used outside of the iteration that defines it;
-    /// slots are in range, in arrays that may be read or written there; each slot of `Next` is written exactly once;
-    /// what is said at [`Newton`] and the other instructions holds.
+    /// slots are in range, in arrays that may be read or written there; each slot of `Next` is written exactly once, and
+    /// each slot of `Local` before it is read, so that no run reads what the one before left; what is said at [`Newton`]
+    /// and the other instructions holds.
     ///
     /// # Errors
     /// The first thing that is wrong.
@@ -56,11 +60,12 @@ impl Program {
         let mut check = Check {
             program: self,
             defined: vec![Life::Unborn; self.values as usize],
-            written: vec![false; self.size(Array::Next)],
+            next: vec![false; self.size(Array::Next)],
+            local: vec![false; self.size(Array::Local)],
             depth: 0,
         };
         check.block(&self.body)?;
-        match check.written.iter().position(|w| !w) {
+        match check.next.iter().position(|w| !w) {
             Some(index) => Err(Invalid::Missing(Slot::new(Array::Next, index))),
             None => Ok(()),
         }
@@ -79,7 +84,9 @@ enum Life {
 struct Check<'a> {
     program: &'a Program,
     defined: Vec<Life>,
-    written: Vec<bool>,
+    /// Which slots of these arrays are written.
+    next: Vec<bool>,
+    local: Vec<bool>,
     depth: usize,
 }
 
@@ -129,10 +136,11 @@ impl Check<'_> {
             return Err(Invalid::Lengths(first));
         }
         let size = n as u32;
-        self.unknowns(first, size, newton.flag)?;
-        if let Some(rounding) = newton.rounding {
-            let rounding = Slot { array: Array::Local, index: rounding };
-            self.write(rounding, size)?;
+        self.read(first, size)?;
+        flag_apart(first, size, newton.flag)?;
+        let rounding = newton.rounding.map(|index| Slot { array: Array::Local, index });
+        if let Some(rounding) = rounding {
+            self.range(rounding, size)?;
             apart(rounding, size, first, size)?;
             if newton.affine || newton.flag.is_some_and(|f| (rounding.index..rounding.index + size).contains(&f.index))
             {
@@ -156,7 +164,8 @@ impl Check<'_> {
         self.all(newton.jacobian.iter().map(|&(_, _, v)| v))?;
         self.all(newton.update.iter().copied())?;
         self.bury(&newton.body);
-        Ok(())
+        rounding.map_or(Ok(()), |r| self.write(r, size))?;
+        newton.flag.map_or(Ok(()), |f| self.write(f, 1))
     }
 
     fn solve(&mut self, solve: &Solve) -> Result<(), Invalid> {
@@ -166,21 +175,12 @@ impl Check<'_> {
         if complex && (solve.imaginary.len() != entries || numbers % 2 != 0) {
             return Err(Invalid::Lengths(first));
         }
-        self.unknowns(first, numbers as u32, solve.flag)?;
+        flag_apart(first, numbers as u32, solve.flag)?;
         matrix(first, solve.size() as u32, &solve.matrix)?;
         self.all(solve.right.iter().copied())?;
-        self.all(solve.values())
-    }
-
-    /// Unknowns, and the flag of who solves for them.
-    fn unknowns(&mut self, first: Slot, size: u32, flag: Option<Slot>) -> Result<(), Invalid> {
-        self.write(first, size)?;
-        let Some(flag) = flag else { return Ok(()) };
-        let unknown = flag.index >= first.index && flag.index - first.index < size;
-        if flag.array != Array::Local || unknown {
-            return Err(Invalid::Flag(flag));
-        }
-        self.write(flag, 1)
+        self.all(solve.values())?;
+        self.write(first, numbers as u32)?;
+        solve.flag.map_or(Ok(()), |f| self.write(f, 1))
     }
 
     /// Ends the lives of what a body defines.
@@ -232,7 +232,14 @@ impl Check<'_> {
 
     fn read(&self, slot: Slot, count: u32) -> Result<(), Invalid> {
         match slot.array {
-            Array::State | Array::Input | Array::Table | Array::Local => self.range(slot, count),
+            Array::State | Array::Input | Array::Table => self.range(slot, count),
+            Array::Local => {
+                self.range(slot, count)?;
+                match (slot.index..slot.index + count).find(|i| !self.local[*i as usize]) {
+                    Some(index) => Err(Invalid::NotYetWritten(Slot { array: Array::Local, index })),
+                    None => Ok(()),
+                }
+            }
             Array::Next | Array::Output => Err(Invalid::NotRead(slot)),
         }
     }
@@ -241,10 +248,14 @@ impl Check<'_> {
         self.range(slot, count)?;
         match slot.array {
             Array::State | Array::Input | Array::Table => Err(Invalid::NotWritten(slot)),
-            Array::Local | Array::Output => Ok(()),
+            Array::Output => Ok(()),
+            Array::Local => {
+                self.local[slot.index as usize..][..count as usize].fill(true);
+                Ok(())
+            }
             Array::Next => {
                 for index in slot.index..slot.index + count {
-                    let written = &mut self.written[index as usize];
+                    let written = &mut self.next[index as usize];
                     if *written || self.depth > 0 {
                         return Err(Invalid::Again(Slot { array: Array::Next, index }));
                     }
@@ -266,6 +277,15 @@ fn matrix(first: Slot, size: u32, entries: &[(u32, u32, Value)]) -> Result<(), I
         before = Some((row, column));
     }
     Ok(())
+}
+
+/// The flag of who solves for unknowns is a slot of the scratch beside them.
+fn flag_apart(first: Slot, size: u32, flag: Option<Slot>) -> Result<(), Invalid> {
+    let is_unknown = |f: Slot| f.index >= first.index && f.index - first.index < size;
+    match flag {
+        Some(flag) if flag.array != Array::Local || is_unknown(flag) => Err(Invalid::Flag(flag)),
+        Some(_) | None => Ok(()),
+    }
 }
 
 /// Fails where two stretches share a slot.
@@ -371,6 +391,31 @@ mod tests {
         let mut p = root();
         p.body.push(Inst::MatVec { to: state, table: 0, from: state, rows: 1, cols: 1, low: false });
         assert!(matches!(p.verify(), Err(Invalid::OutOfRange(..))));
+    }
+
+    #[test]
+    fn scratch_is_written_before_it_is_read() {
+        let local = |index| Slot::new(Array::Local, index);
+        // A guess that no line of the program stores.
+        let mut p = root();
+        p.body.retain(|inst| !matches!(inst, Inst::Store(Slot { array: Array::Local, .. }, _)));
+        assert_eq!(p.verify(), Err(Invalid::NotYetWritten(local(0))));
+        // What an iteration leaves is not there yet within it.
+        for flag in [true, false] {
+            let mut p = root();
+            p.sizes[Array::Local as usize] = 2;
+            let (first, second) = (Value(p.values), Value(p.values + 1));
+            p.values += 2;
+            let newton = of_root(&mut p);
+            match flag {
+                true => newton.flag = Some(local(1)),
+                false => newton.rounding = Some(1),
+            }
+            p.body.push(Inst::Let(first, Op::Load(local(1))));
+            assert_eq!(p.verify(), Ok(()));
+            of_root(&mut p).body.push(Inst::Let(second, Op::Load(local(1))));
+            assert_eq!(p.verify(), Err(Invalid::NotYetWritten(local(1))));
+        }
     }
 
     #[test]
