@@ -10,6 +10,9 @@ use bond_runtime::ir::Unary;
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::{FxHashMap, FxHashSet};
 
+/// Definitions within definitions that a constraint is looked through.
+const DEEP: usize = 16;
+
 /// Why a state has no values.
 const SINGULAR: &str = "the loops of resistors are singular at this state";
 const OPEN: &str = "no solution of the loops of resistors was found at this state";
@@ -149,7 +152,7 @@ impl Point {
                             self.inputs.push((name, column.out));
                         }
                     }
-                    Role::Storage | Role::Resistor | Role::Dependent => {}
+                    Role::Storage | Role::Resistor | Role::Dependent | Role::Constraint => {}
                 }
             }
             for (c, how) in &r.resistors {
@@ -157,6 +160,8 @@ impl Point {
                 // Of a root: z - (z - residual), whose derivative is that of the residual.
                 let unknown = model.pool.var(how.unknown(out));
                 match how {
+                    // By its rate, once all that states are moved by is known.
+                    Output::Implicit { .. } if form.column(*c).role == Role::Constraint => {}
                     Output::Explicit(e) => self.columns.push((out, *e)),
                     Output::Implicit { residual: e, .. } => self.columns.push((out, model.pool.sub(unknown, *e))),
                     Output::Curve { parameter, out: value, residual, .. } => {
@@ -185,6 +190,7 @@ impl Point {
                 self.states.push((name, integral.symbol, *rate));
             }
         }
+        self.constrain(model, form);
         // What is held is what the last sample gave; where none is told, what one would give now.
         let told: FxHashMap<Symbol, f64> = held.iter().filter_map(|(name, s)| Some((*s, states(name)?))).collect();
         let kept: Vec<bool> = self.columns.iter().map(|c| !told.contains_key(&c.0)).collect();
@@ -194,6 +200,45 @@ impl Point {
         self.still.retain(|_| keep.next() == Some(&true));
         self.at.extend(told);
         self.inputs.extend(held);
+    }
+
+    /// The multipliers of constraints: each has its constraint stay fulfilled, which the states are that.
+    fn constrain(&mut self, model: &mut Model, form: &Form) {
+        let mut constraints = Vec::new();
+        for r in &form.regions {
+            let of = r.resistors.iter().filter(|(c, _)| form.column(*c).role == Role::Constraint);
+            constraints.extend(of.map(|(c, _)| (*c, r.sampling.is_none())));
+        }
+        if constraints.is_empty() {
+            return;
+        }
+        // What constraints tie in terms of states: what gives it is put in its place, one after the other.
+        let known: FxHashMap<Symbol, Expr> =
+            self.columns.iter().copied().filter(|(s, e)| !model.pool.contains(*e, *s)).collect();
+        let mut rates: Vec<(Symbol, Expr)> = self.states.iter().map(|(_, s, rate)| (*s, *rate)).collect();
+        let one = model.pool.int(1);
+        rates.extend(model.signals.iter().filter(|s| *s.1 == Signal::Time).map(|s| (*s.0, one)));
+        rates.sort_unstable_by_key(|r| r.0);
+        for (column, here) in constraints {
+            let mut e = form.input(&mut model.pool, column);
+            for _ in 0..DEEP {
+                if !model.pool.contains_any(e, &|s| known.contains_key(&s)) {
+                    break;
+                }
+                e = model.pool.substitute(e, &known);
+            }
+            let mut terms = Vec::new();
+            for (s, rate) in &rates {
+                let slope = model.pool.derivative(e, *s);
+                if !model.pool.is_zero(slope) {
+                    terms.push(model.pool.mul(slope, *rate));
+                }
+            }
+            let out = form.column(column).out;
+            let (unknown, rate) = (model.pool.var(out), model.pool.sum(&terms));
+            self.columns.push((out, model.pool.sub(unknown, rate)));
+            self.still.push(!here);
+        }
     }
 
     /// Values of the definitions whose symbols all have values, until none is left that can be had so.

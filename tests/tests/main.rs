@@ -2,6 +2,7 @@
 
 mod collocation;
 mod common;
+mod constraints;
 mod corners;
 
 mod adaptive;

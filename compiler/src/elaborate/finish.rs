@@ -2,7 +2,7 @@
 
 use super::expand::{given, part};
 use super::infer::Units;
-use super::{Broken, Elaborator, Entity, Inference, Mode, Typed, Unit, Value};
+use super::{Broken, Elaborator, Entity, Inference, Mode, ScopeId, Typed, Unit, Value};
 use crate::Options;
 use crate::expression::Expr;
 use crate::model::{
@@ -192,6 +192,16 @@ impl<'a> Elaborator<'a> {
             .collect()
     }
 
+    /// Where a user finds an element: its declaration or, within the bundled library, that of the part that it is of.
+    fn place(&self, scope: ScopeId, mut span: Span) -> Span {
+        let mut instance = self.scopes[scope].instance;
+        while self.sources.get(span.source).name.starts_with("std/") && instance != self.instances[instance].outer {
+            span = self.instances[instance].span;
+            instance = self.instances[instance].outer;
+        }
+        span
+    }
+
     /// The element with its law; `None` where that cannot be made (which is said).
     pub(super) fn law(&mut self, id: ElementId) -> Option<Element> {
         let decl = &self.elements[id.at()];
@@ -231,7 +241,8 @@ impl<'a> Elaborator<'a> {
         };
         let decl = &self.elements[id.at()];
         let active = ast.is_some_and(|a| a.active);
-        Some(Element { name: decl.name.clone(), kind, law, sampling: decl.sampling, active, span, field })
+        let (name, sampling) = (decl.name.clone(), decl.sampling);
+        Some(Element { name, kind, law, sampling, active, span: self.place(scope, span), field })
     }
 
     fn no_value(&mut self, ast: &ast::Element, what: &str) {

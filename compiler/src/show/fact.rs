@@ -5,7 +5,7 @@ use super::size::SIZES;
 use super::{equation::Equations, name};
 use crate::expression::{Expr, Pool};
 use crate::model::{Law, Model};
-use crate::structure::{Form, Region};
+use crate::structure::{Form, Region, Role};
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 use std::fmt::Write;
@@ -162,7 +162,16 @@ pub(super) fn lines(
         let _ = write!(line, ", {}.{letter} = {}", e.name, name::expression(&model.pool, d.state));
         lines.push(line);
     }
+    for (id, _) in region.resistors.iter().filter(|(c, _)| form.column(*c).role == Role::Constraint) {
+        let zero = form.input(&mut model.pool, *id);
+        let e = model.element(form.column(*id).element);
+        let what = if e.is_massless() { "has no inertia" } else { "is tied by a constraint" };
+        lines.push(format!("{} {what}: 0 = {}", name::element(e), name::expression(&model.pool, zero)));
+    }
     for (members, solved) in &equations.loops {
+        if members.iter().all(|c| form.column(*c).role == Role::Constraint) {
+            continue;
+        }
         let names: Vec<&str> = members.iter().map(|c| form.column(*c).name.as_str()).collect();
         let how = match (solved, names.len()) {
             (true, _) => "linear, eliminated exactly",

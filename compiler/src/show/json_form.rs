@@ -71,7 +71,7 @@ fn source(model: &Model, form: &Form, names: &[String], c: ColumnId) -> Value {
     let (left, right) = phs::source(model, form, names, c);
     let law = match form.column(c).role {
         Role::Source(_) => format!("{left} = {right}"),
-        Role::Bar | Role::Open(_) | Role::Storage | Role::Resistor | Role::Dependent => right,
+        Role::Bar | Role::Open(_) | Role::Storage | Role::Resistor | Role::Dependent | Role::Constraint => right,
     };
     json!(object! { "name": names[c.at()], "law": law })
 }

@@ -5,7 +5,7 @@ use super::size::SIZES;
 use super::sparse::{self, Entries, Sparse};
 use crate::expression::{Expr, Pool};
 use crate::model::Model;
-use crate::structure::{ColumnId, Form, Region, explicit};
+use crate::structure::{ColumnId, Form, Region, Role, explicit};
 use rustc_hash::FxHashMap;
 
 /// A matrix: the entries that are not 0, by rows.
@@ -29,6 +29,8 @@ pub(super) struct Explicit {
     pub(super) outputs: Vec<String>,
     /// How many of them are no resistors.
     pub(super) real: usize,
+    /// Which of them are multipliers of constraints.
+    pub(super) multipliers: Vec<bool>,
 }
 
 impl Matrix {
@@ -88,6 +90,7 @@ pub(super) fn explicit_form(model: &mut Model, form: &Form, region: &Region, nam
     let states: Vec<String> = region.states.iter().map(|s| s.name.clone()).collect();
     let co: Vec<String> = region.states.iter().map(|s| format!("dH/d({})", s.name)).collect();
     let rates: Vec<String> = states.iter().map(|s| format!("d({s})/dt")).collect();
+    let multipliers = inputs.iter().map(|c| form.column(*c).role == Role::Constraint).collect();
     let inputs: Vec<String> = ports.iter().map(|p| p.input.clone()).collect();
     let outputs: Vec<String> = ports.iter().map(|p| p.output.clone()).collect();
     let real = inputs.len().saturating_sub(nonlinear);
@@ -107,6 +110,7 @@ pub(super) fn explicit_form(model: &mut Model, form: &Form, region: &Region, nam
         m: make(m, &outputs, &inputs, (&turned, &turned)),
         s: make(s, &outputs, &inputs, (&turned, &turned)),
         real,
+        multipliers,
         inputs,
         outputs,
     })

@@ -76,7 +76,17 @@ fn matrices(model: &Model, e: &Explicit, text: &mut String) {
     text.push_str(&region::wrap("  ", &format!("u = {}", part(&e.inputs))));
     text.push_str(&region::wrap("  ", &format!("y = {}", part(&e.outputs))));
     if e.real < e.inputs.len() {
-        let _ = writeln!(text, "  of these, the laws of resistors give {}", e.inputs[e.real..].join(", "));
+        let (ties, laws): (Vec<usize>, Vec<usize>) = (e.real..e.inputs.len()).partition(|i| e.multipliers[*i]);
+        let named = |of: &[String], which: &[usize]| -> String {
+            which.iter().map(|i| of[*i].as_str()).collect::<Vec<_>>().join(", ")
+        };
+        if !laws.is_empty() {
+            let _ = writeln!(text, "  of these, the laws of resistors give {}", named(&e.inputs, &laws));
+        }
+        if !ties.is_empty() {
+            let (multipliers, zeros) = (named(&e.inputs, &ties), named(&e.outputs, &ties));
+            let _ = writeln!(text, "  of these, constraints give {multipliers}, so that {zeros} stay 0");
+        }
     }
     for (title, m) in [("J", &e.j), ("R", &e.r), ("G", &e.g), ("P", &e.p), ("M", &e.m), ("S", &e.s)] {
         if !m.rows.is_empty() && !m.columns.is_empty() {
@@ -93,7 +103,7 @@ pub(super) fn source(model: &Model, form: &Form, names: &[String], id: ColumnId)
         Role::Source(v) => name::expression(&model.pool, v),
         Role::Bar => format!("from the double bar {}", model.bond(c.bond).name),
         Role::Open(_) => "from the outside".to_string(),
-        Role::Storage | Role::Resistor | Role::Dependent => String::new(),
+        Role::Storage | Role::Resistor | Role::Dependent | Role::Constraint => String::new(),
     };
     (input, text)
 }

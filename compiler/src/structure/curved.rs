@@ -5,12 +5,13 @@
 //! dz/dx is symmetric dH/dx = N^T z with N = 1 + A^T L A dz/dx: a change of coordinates by N^-1.
 
 use super::change::{self, Change};
-use super::dependence::{Dependence, refused};
+use super::dependence::Dependence;
 use super::eliminated::{Eliminated, Merged};
 use super::explicit::Matrix;
+use super::quadratic::no_inertia;
 use super::start::{self, Stated, at_start};
 use super::storage::{family, stiffness, storage};
-use super::{ColumnId, Form, OPTIONS, inverse};
+use super::{ColumnId, Form, inverse};
 use crate::expression::{Expr, Symbol};
 use crate::model::{Model, Storage};
 use bond_grammar::diagnostic::Diagnostic;
@@ -24,24 +25,16 @@ pub(super) fn merge(
     done: &mut Eliminated,
 ) -> Result<(), Diagnostic> {
     let independent = &set.independent;
-    if let Some(why) = obstacle(model, form, set) {
-        return Err(refused(model, form, set.dependent[0], &why, None));
-    }
     let storages: Vec<Storage> =
         independent.iter().filter_map(|c| storage(model, form.column(*c).element).cloned()).collect();
     let states: Vec<Symbol> = storages.iter().map(|s| s.state).collect();
     let (seen, own) = seen(model, form, set, &storages);
-    let Some(back) = inverse_slopes(model, set, &states, &own) else {
-        return Err(refused(model, form, set.dependent[0], "the storages have no common state", None));
-    };
+    let back = inverse_slopes(model, set, &states, &own).ok_or_else(|| no_inertia(model, form, set))?;
     coordinates(model, form, independent, &back, done);
     let (energy, bounded) = energy(model, form, set, &storages, (&seen, &own));
     let coenergy: Vec<Expr> = states.iter().map(|s| model.pool.derivative(energy, *s)).collect();
     for (i, c) in independent.iter().enumerate() {
-        let initial = settle(model, form, &storages[i], start[i]).ok_or_else(|| {
-            let why = format!("no state of `{}` was found that goes with the stated start", form.column(*c).name);
-            refused(model, form, set.dependent[0], &why, None)
-        })?;
+        let initial = start::settled(model, form, set, (*c, &storages[i]), start[i])?;
         done.states.insert(*c, (states[i], initial, true));
     }
     let moving: Vec<(ColumnId, Symbol)> = independent.iter().copied().zip(states.iter().copied()).collect();
@@ -59,29 +52,6 @@ pub(super) fn merge(
     let (columns, into) = (independent.clone(), independent.clone());
     done.groups.push(Merged { region, columns, energy, coenergy, bounded, dependent, into });
     Ok(())
-}
-
-/// Why they cannot be merged, if so.
-fn obstacle(model: &mut Model, form: &Form, set: &Dependence) -> Option<String> {
-    let n = set.independent.len();
-    if n > OPTIONS.tied {
-        return Some(format!(
-            "it depends on {n} storages with energies that are not quadratic among them, more than {}",
-            OPTIONS.tied
-        ));
-    }
-    let curved = set.independent.iter().find(|c| stiffness(model, form, **c).is_none()).copied();
-    let curved = curved.map(|c| form.column(c).name.clone()).unwrap_or_default();
-    if !set.others.is_empty() {
-        return Some(format!(
-            "it depends on `{curved}`, whose energy is not quadratic, by a ratio that changes with the state"
-        ));
-    }
-    if set.sources.iter().any(|s| !s.is_empty()) {
-        return Some(format!("it follows a source and `{curved}`, whose energy is not quadratic"));
-    }
-    let is_port = set.dependent.iter().any(|d| family(model, form, *d).len() > 1);
-    is_port.then(|| format!("it is a port of a field, and `{curved}` has an energy that is not quadratic"))
 }
 
 /// A z and L A z of each dependent storage: its co-energy variable and its state.
@@ -211,14 +181,4 @@ pub(super) fn start(model: &Model, form: &Form, set: &Dependence) -> Result<Vec<
         stated.push(Stated { column: *c, row, value: at_start(model, form, s.coenergy) - driven, driven });
     }
     start::solve(model, form, set, &stated, &otherwise)
-}
-
-/// The initial state: what is stated, or where the co-energy variable is what a dependent storage's start asks for.
-fn settle(model: &mut Model, form: &Form, s: &Storage, z: Option<f64>) -> Option<f64> {
-    let Some(z) = z.filter(|_| !s.explicit) else { return Some(s.initial) };
-    let at = |v: Symbol| start::value(model, form, v);
-    let known: Vec<(Symbol, f64)> = model.pool.symbols(s.coenergy).into_iter().map(|v| (v, at(v))).collect();
-    let goal = model.pool.float(z);
-    let off = model.pool.sub(s.coenergy, goal);
-    model.pool.root(off, s.state, s.initial, &|v| known.iter().find(|k| k.0 == v).map_or(f64::NAN, |k| k.1))
 }

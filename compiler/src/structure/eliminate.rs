@@ -7,8 +7,8 @@
 
 use super::dependence::{self, Dependence};
 use super::eliminated::Eliminated;
-use super::storage::{ids, stiffness};
-use super::{ColumnId, Form, Role, curved, quadratic};
+use super::storage::ids;
+use super::{ColumnId, Form, Role, constraint, curved, quadratic};
 use crate::causality::Causality;
 use crate::model::Model;
 use bond_grammar::diagnostic::Diagnostic;
@@ -28,7 +28,7 @@ pub(super) fn eliminate(
     if !errors.is_empty() {
         return Err(errors);
     }
-    let all = dependence::all(model, form, &dependent).map_err(|d| vec![d])?;
+    let (all, dependent) = constrain(model, form, dependent, &mut done).map_err(|d| vec![d])?;
     let starts = all.iter().map(|t| start_of(model, form, t)).collect::<Result<Vec<_>, _>>().map_err(|d| vec![d])?;
     strip(form, &dependent);
     for (dependence, start) in all.iter().zip(starts) {
@@ -53,6 +53,27 @@ pub(super) fn eliminate(
     Ok(done)
 }
 
+/// Ties by constraints what cannot be merged; what is left, and the sets of it.
+fn constrain(
+    model: &mut Model,
+    form: &mut Form,
+    mut dependent: Vec<ColumnId>,
+    done: &mut Eliminated,
+) -> Result<(Vec<Dependence>, Vec<ColumnId>), Diagnostic> {
+    loop {
+        let (merged, tied): (Vec<_>, Vec<_>) =
+            dependence::all(model, form, &dependent).into_iter().partition(|set| set.is_merged(model, form));
+        if tied.is_empty() {
+            return Ok((merged, dependent));
+        }
+        for set in &tied {
+            constraint::constrain(model, form, set, done)?;
+        }
+        // What is tied so stays a storage of its own, whose state other ratios may read.
+        dependent.retain(|d| form.column(*d).role == Role::Dependent);
+    }
+}
+
 /// How storages are merged; of curved ones, with the co-energy variables that the stated starts settle.
 enum Start {
     Quadratic,
@@ -60,8 +81,11 @@ enum Start {
 }
 
 fn start_of(model: &mut Model, form: &Form, dependence: &Dependence) -> Result<Start, Diagnostic> {
-    let is_quadratic = dependence.independent.iter().all(|c| stiffness(model, form, *c).is_some());
-    Ok(if is_quadratic { Start::Quadratic } else { Start::Curved(curved::start(model, form, dependence)?) })
+    Ok(if dependence.is_quadratic(model, form) {
+        Start::Quadratic
+    } else {
+        Start::Curved(curved::start(model, form, dependence)?)
+    })
 }
 
 /// Takes the dependent columns out of all rows but those of the sources that they follow.

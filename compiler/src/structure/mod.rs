@@ -5,6 +5,7 @@
 
 mod casimir;
 mod change;
+mod constraint;
 mod curved;
 mod dependence;
 mod eliminate;
@@ -81,6 +82,9 @@ pub enum Role {
     Resistor,
     /// A storage in derivative causality; gone after the elimination, but where it follows a source.
     Dependent,
+    /// What ties a storage to others or to sources: its output is the multiplier, the rate of the storage's state, and
+    /// its input, how far the storage's co-energy variable is from what the others impose, is 0.
+    Constraint,
 }
 
 /// An element (or the far side of a double bar) as the network sees it.
@@ -256,7 +260,7 @@ pub struct Region {
     pub states: Vec<State>,
     /// Energies.
     pub groups: Vec<Group>,
-    /// Resistors and how their outputs are had.
+    /// Resistors and constraints, and how their outputs are had.
     pub resistors: Vec<(ColumnId, Output)>,
     /// Laws that grow so fast that their argument is the better unknown, as curves with the argument as parameter.
     pub steep: FxHashMap<ColumnId, Output>,

@@ -11,12 +11,12 @@
 //! M stays regular.
 
 use super::change::{self, Change};
-use super::dependence::{Dependence, refused};
+use super::dependence::Dependence;
 use super::eliminated::{Eliminated, Following, Merged};
 use super::explicit::Matrix;
 use super::start::{self, Stated, at_start};
 use super::storage::{family, stiffness, storage};
-use super::{ColumnId, Form, OPTIONS, Role, inverse, singular};
+use super::{ColumnId, Form, Role, inverse, singular};
 use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::{ElementId, Model, Signal};
 use bond_grammar::diagnostic::Diagnostic;
@@ -207,11 +207,6 @@ fn inverse_mass(
     let (n, mass) = (set.independent.len(), &momenta.mass);
     if n > 1 {
         done.poles.extend(singular::poles(&model.pool, seen.divisors.iter().flatten().map(|t| t.0), mass));
-    }
-    let known = mass.iter().flatten().all(|e| model.pool.constant(*e).is_some());
-    if n > OPTIONS.tied && !known {
-        let why = format!("{n} storages are tied together by ratios that change, more than {}", OPTIONS.tied);
-        return Err(refused(model, form, set.dependent[0], &why, None));
     }
     if n == 0 {
         return Ok(Vec::new());
@@ -441,7 +436,8 @@ fn compliance(model: &mut Model, form: &Form, all: &[ColumnId]) -> Option<Matrix
     inverse(&mut model.pool, &k)
 }
 
-fn no_inertia(model: &Model, form: &Form, set: &Dependence) -> Diagnostic {
+/// Says that they have no common inertia.
+pub(super) fn no_inertia(model: &Model, form: &Form, set: &Dependence) -> Diagnostic {
     let first = set.dependent.first().map(|d| form.column(*d));
     let (span, name) = first.map_or((model.span, ""), |c| (model.element(c.element).span, c.name.as_str()));
     Diagnostic::error("structure::singular", span, format!("the storages tied to `{name}` have no common inertia"))

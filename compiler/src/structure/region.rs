@@ -70,7 +70,7 @@ fn inputs_and_states(
                 region.inputs.push(id);
             }
             Role::Bar | Role::Open(_) => region.inputs.push(id),
-            Role::Dependent | Role::Resistor => {}
+            Role::Dependent | Role::Resistor | Role::Constraint => {}
             Role::Storage => {
                 let Law::Storage(s) = element.law.clone() else { continue };
                 let (e, f) = r.model.units[c.bond.at()];
@@ -117,10 +117,14 @@ fn resistors(r: &mut Resolver<'_>, form: &Form, regions: &mut [Region]) -> Resul
     for i in 0..form.columns.len() {
         let id = ColumnId(i as u32);
         let c = form.column(id);
+        let region = c.region.at();
+        if c.role == Role::Constraint {
+            let residual = form.input(&mut r.model.pool, id);
+            regions[region].resistors.push((id, Output::Implicit { residual, bends: None }));
+        }
         if c.role != Role::Resistor {
             continue;
         }
-        let region = c.region.at();
         if let Some(mut found) = resistor::output(r, form, id)? {
             if let Output::Curve { parameter, out, residual, bends: None, .. } = found.how {
                 let mut put = |e: Expr, s: Symbol| {

@@ -4,7 +4,7 @@ use super::dependence::Dependence;
 use super::storage::storage;
 use super::{ColumnId, Form, OPTIONS, Role};
 use crate::expression::{Expr, Symbol};
-use crate::model::{Model, Signal};
+use crate::model::{Model, Signal, Storage};
 use bond_grammar::diagnostic::Diagnostic;
 use nalgebra::{DMatrix, DVector};
 
@@ -23,32 +23,33 @@ pub(super) fn at_start(model: &Model, form: &Form, e: Expr) -> f64 {
     model.pool.eval(e, &|s| value(model, form, s))
 }
 
-/// The value of a state, or of time, at the start.
+/// The value of a signal at the start.
 pub(super) fn value(model: &Model, form: &Form, s: Symbol) -> f64 {
     match model.signals.get(&s) {
         Some(Signal::State(id)) => storage(model, *id).map_or(f64::NAN, |x| x.initial),
-        Some(Signal::Time) => 0.0,
-        Some(
-            Signal::Effort(_)
-            | Signal::Flow(_)
-            | Signal::Integral(_)
-            | Signal::Input(_)
-            | Signal::Memory(_)
-            | Signal::Argument(_)
-            | Signal::Parameter(_)
-            | Signal::Slope(_),
-        )
-        | None => form.column_of.get(&s).map_or(f64::NAN, |_| 0.0),
+        Some(Signal::Time | Signal::Slope(_)) => 0.0,
+        Some(Signal::Integral(i)) => model.integrals[*i].start,
+        Some(Signal::Input(i)) => model.inputs[*i].value,
+        Some(Signal::Memory(i)) => model.memories[*i].start,
+        Some(Signal::Effort(_) | Signal::Flow(_) | Signal::Argument(_) | Signal::Parameter(_)) | None => {
+            form.column_of.get(&s).map_or(f64::NAN, |c| given(model, form, *c))
+        }
+    }
+}
+
+/// What a column gives at the start: a source its value, a storage its co-energy variable; 0 of what is not known yet.
+fn given(model: &Model, form: &Form, c: ColumnId) -> f64 {
+    let column = form.column(c);
+    match column.role {
+        Role::Source(v) => at_start(model, form, v),
+        Role::Storage => storage(model, column.element).map_or(0.0, |s| at_start(model, form, s.coenergy)),
+        Role::Bar | Role::Open(_) | Role::Resistor | Role::Dependent | Role::Constraint => 0.0,
     }
 }
 
 /// What sources give at the start, times a dependent storage's coefficients.
 pub(super) fn driven(model: &Model, form: &Form, sources: &[(ColumnId, Expr)]) -> f64 {
-    let value = |c: ColumnId| match form.column(c).role {
-        Role::Source(v) => at_start(model, form, v),
-        Role::Bar | Role::Open(_) | Role::Storage | Role::Resistor | Role::Dependent => 0.0,
-    };
-    sources.iter().map(|(c, b)| at_start(model, form, *b) * value(*c)).sum()
+    sources.iter().map(|(c, b)| at_start(model, form, *b) * given(model, form, *c)).sum()
 }
 
 /// The unknowns that what is stated settles, the first statements first; the rest are `None`, and count as `otherwise`.
@@ -133,4 +134,33 @@ fn clash(model: &Model, form: &Form, set: &Dependence, s: &Stated, follows: f64)
         error = error.label(model.element(form.column(*c).element).span, "is what it is tied to");
     }
     error.help("state the start of one of them and leave the others out")
+}
+
+/// The initial state of a storage: what is stated, or where its co-energy variable is what the storages that it is tied
+/// to ask for.
+///
+/// # Errors
+/// Where no state was found that has it, with the elements.
+pub(super) fn settled(
+    model: &mut Model,
+    form: &Form,
+    set: &Dependence,
+    (c, s): (ColumnId, &Storage),
+    z: Option<f64>,
+) -> Result<f64, Diagnostic> {
+    let Some(z) = z.filter(|_| !s.explicit) else { return Ok(s.initial) };
+    let known: Vec<(Symbol, f64)> =
+        model.pool.symbols(s.coenergy).into_iter().map(|v| (v, value(model, form, v))).collect();
+    let goal = model.pool.float(z);
+    let off = model.pool.sub(s.coenergy, goal);
+    let at = |v: Symbol| known.iter().find(|k| k.0 == v).map_or(f64::NAN, |k| k.1);
+    model.pool.root(off, s.state, s.initial, &at).ok_or_else(|| {
+        let e = model.element(form.column(c).element);
+        let what = format!("no state of `{}` was found that goes with the start of what it is tied to", e.name);
+        let mut error = Diagnostic::error("structure::initial", e.span, what);
+        for other in set.independent.iter().chain(&set.dependent).filter(|other| **other != c) {
+            error = error.label(model.element(form.column(*other).element).span, "is tied to it");
+        }
+        error.help("state the start of one of them, where its energy has a slope")
+    })
 }

@@ -11,7 +11,7 @@ pub(super) fn steered(model: &Model, form: &Form) -> FxHashSet<ColumnId> {
     let columns = form.columns.iter().enumerate();
     let sources = columns.filter_map(|(i, c)| match c.role {
         Role::Source(value) => Some((ColumnId(i as u32), value)),
-        Role::Bar | Role::Open(_) | Role::Storage | Role::Resistor | Role::Dependent => None,
+        Role::Bar | Role::Open(_) | Role::Storage | Role::Resistor | Role::Dependent | Role::Constraint => None,
     });
     sources.filter(|(_, value)| reads_the_scene(model, form, *value)).map(|(id, _)| id).collect()
 }
@@ -35,7 +35,10 @@ fn reads_the_scene(model: &Model, form: &Form, value: Expr) -> bool {
                 // The output of a source is its value; any other output, and what is an unknown of a step, moves.
                 None => match form.column_of.get(&s).map(|c| form.column(*c).role) {
                     Some(Role::Source(value)) => next.push(value),
-                    Some(Role::Bar | Role::Open(_) | Role::Storage | Role::Resistor | Role::Dependent) | None => {
+                    Some(
+                        Role::Bar | Role::Open(_) | Role::Storage | Role::Resistor | Role::Dependent | Role::Constraint,
+                    )
+                    | None => {
                         return true;
                     }
                 },

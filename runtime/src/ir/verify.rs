@@ -50,9 +50,9 @@ pub enum Invalid {
 
 impl Program {
     /// Checks it: each value is defined once, before its uses, and not used outside of the iteration that defines it;
-    /// slots are in range, in arrays that may be read or written there; each slot of `Next` is written exactly once, and
-    /// each slot of `Local` before it is read, so that no run reads what the one before left; what is said at [`Newton`]
-    /// and the other instructions holds.
+    /// slots are in range, in arrays that may be read or written there; each slot of `Next` is written exactly once,
+    /// and each slot of `Local` before it is read, so that no run reads what the one before left; what is said at
+    /// [`Newton`] and the other instructions holds.
     ///
     /// # Errors
     /// The first thing that is wrong.

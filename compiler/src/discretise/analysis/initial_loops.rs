@@ -30,6 +30,9 @@ struct System<'a> {
     unknowns: &'a [Symbol],
     place: FxHashMap<Symbol, usize>,
     known: &'a FxHashMap<Symbol, f64>,
+    /// Whether multipliers of constraints are among the unknowns, of which any may be 0: residuals that are rounding
+    /// say that all are found.
+    constrained: bool,
     residuals: Vec<Expr>,
     slopes: Vec<(usize, usize, Expr)>,
 }
@@ -68,7 +71,8 @@ impl System<'_> {
         // The least update, beside the unknowns, and how many since have not been much less.
         let (mut least, mut stalls) = (f64::INFINITY, 0);
         for _ in 0..rounds {
-            if r.iter().all(|x| x.abs() < NOTHING) || (z.iter().all(|x| *x == 0.0) && self.is_rounding(z, &r)) {
+            let may_rest = self.constrained || z.iter().all(|x| *x == 0.0);
+            if r.iter().all(|x| x.abs() < NOTHING) || (may_rest && self.is_rounding(z, &r)) {
                 return true;
             }
             let slopes = self.jacobian(z);
@@ -212,9 +216,13 @@ fn guesses_of(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, V
     if n == 0 || n > LARGEST {
         return Ok(all);
     }
-    let flat = c.flat_at_instant(&mut model.pool, form);
-    let residuals: Vec<Expr> = c.residuals_in(&mut model.pool, &flat);
-    let place: FxHashMap<Symbol, usize> = c.loops.iter().enumerate().map(|(i, s)| (*s, i)).collect();
+    let mut flat = c.flat_at_instant(&mut model.pool, form);
+    let mut residuals: Vec<Expr> = c.residuals_in(&mut model.pool, &flat);
+    let speeds = c.constraints_at_instant(model, form, &mut flat, &mut residuals)?;
+    residuals.extend(speeds.residuals);
+    let loops: Vec<Symbol> = c.loops.iter().copied().chain(speeds.unknowns).collect();
+    all.resize(loops.len(), 0.0);
+    let place: FxHashMap<Symbol, usize> = loops.iter().enumerate().map(|(i, s)| (*s, i)).collect();
     let reads: Vec<Vec<usize>> = residuals
         .iter()
         .map(|r| {
@@ -223,7 +231,7 @@ fn guesses_of(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, V
             inside
         })
         .collect();
-    let known = known(c, model);
+    let (known, nodes) = (known(c, model), c.loop_nodes());
     // What shares no unknown is solved by itself: a law at its corner, where its slope is 0, says nothing of the
     // others.
     for block in blocks(&reads) {
@@ -231,13 +239,14 @@ fn guesses_of(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, V
         let mut slopes = Vec::new();
         for (k, i) in block.iter().enumerate() {
             for j in &reads[*i] {
-                slopes.push((k, own[j], model.pool.derivative(residuals[*i], c.loops[*j])));
+                slopes.push((k, own[j], model.pool.derivative(residuals[*i], loops[*j])));
             }
         }
-        let unknowns: Vec<Symbol> = block.iter().map(|i| c.loops[*i]).collect();
+        let unknowns: Vec<Symbol> = block.iter().map(|i| loops[*i]).collect();
         let place = unknowns.iter().enumerate().map(|(k, s)| (*s, k)).collect();
         let residuals = block.iter().map(|i| residuals[*i]).collect();
-        let system = System { model, unknowns: &unknowns, place, known: &known, residuals, slopes };
+        let constrained = block.iter().any(|i| nodes.get(*i).is_some_and(|n| n.constraint().is_some()));
+        let system = System { model, unknowns: &unknowns, place, known: &known, constrained, residuals, slopes };
         let solution = system.solution(c).map_err(|wrong| {
             let curves = c.loop_nodes().iter().filter(|n| unknowns.contains(&n.unknown()) && n.has_branches()).count();
             let (what, help) = wrong.words(curves > 1);
@@ -247,6 +256,11 @@ fn guesses_of(c: &Cluster, model: &mut Model, form: &Form) -> Result<Vec<f64>, V
             all[*i] = *x;
         }
     }
+    let place = |s: Symbol| loops.iter().position(|z| *z == s);
+    for (i, k) in speeds.now.iter().filter_map(|(s, now)| Some((place(*s)?, place(*now)?))) {
+        all[i] = all[k];
+    }
+    all.truncate(n);
     Ok(all)
 }
 

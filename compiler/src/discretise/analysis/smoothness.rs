@@ -29,7 +29,8 @@ pub(crate) fn is_kink(n: &Node) -> bool {
 
 /// Whether a law that is solved for what it is given has no slope at 0, so that its inverse is a root.
 pub(crate) fn is_flat(n: &cluster::Node, pool: &mut Pool) -> bool {
-    let Output::Implicit { residual: e, .. } = n.how else { return false };
+    // The multiplier of a constraint is no law.
+    let (Output::Implicit { residual: e, .. }, None) = (n.how, n.constraint()) else { return false };
     let (slope, zero) = (pool.derivative(e, n.out), pool.int(0));
     let slope = pool.substitute(slope, &std::iter::once((n.out, zero)).collect());
     pool.is_zero(slope)

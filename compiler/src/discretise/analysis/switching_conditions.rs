@@ -42,9 +42,14 @@ struct Guards {
 pub(crate) fn find(c: &Cluster, model: &mut Model, form: &Form, held: bool) -> Option<Conditions> {
     let map = c.at_instant(&mut model.pool, form);
     let mut roots: Vec<Expr> = map.values().copied().collect();
-    let flat = c.flat(&mut model.pool, map);
-    let residuals: Vec<Expr> = c.residuals_in(&mut model.pool, &flat);
+    let mut flat = c.flat(&mut model.pool, map);
+    let mut residuals: Vec<Expr> = c.residuals_in(&mut model.pool, &flat);
     roots.extend(flat.values().chain(&residuals).copied());
+    let speeds = c.constraints_at_instant(model, form, &mut flat, &mut residuals).ok()?;
+    // What speeds without inertia switch is not looked for.
+    if !speeds.now.is_empty() {
+        return None;
+    }
     // What storages are given is a sum of all that, with ratios of transformers and gyrators in it, which may switch
     // too.
     let ratio = |s: &&State| s.column.is_none() || model.pool.any_node(s.rate, &smoothness::is_kink);

@@ -57,6 +57,8 @@ pub(crate) enum Part {
     SourceDriven(Expr),
     /// A signal that a ratio depends on and sets itself.
     Signal,
+    /// The multiplier of a constraint.
+    Multiplier(ColumnId),
 }
 
 /// An output that is computed.
@@ -84,7 +86,7 @@ impl Node {
     pub(crate) fn source(&self) -> Option<ColumnId> {
         match self.part {
             Part::Source(c) => Some(c),
-            Part::Resistor(_) | Part::SourceDriven(_) | Part::Signal => None,
+            Part::Resistor(_) | Part::SourceDriven(_) | Part::Signal | Part::Multiplier(_) => None,
         }
     }
 
@@ -92,7 +94,15 @@ impl Node {
     pub(crate) fn resistor(&self) -> Option<ColumnId> {
         match self.part {
             Part::Resistor(c) => Some(c),
-            Part::Source(_) | Part::SourceDriven(_) | Part::Signal => None,
+            Part::Source(_) | Part::SourceDriven(_) | Part::Signal | Part::Multiplier(_) => None,
+        }
+    }
+
+    /// The column of a constraint.
+    pub(crate) fn constraint(&self) -> Option<ColumnId> {
+        match self.part {
+            Part::Multiplier(c) => Some(c),
+            Part::Source(_) | Part::Resistor(_) | Part::SourceDriven(_) | Part::Signal => None,
         }
     }
 
@@ -202,12 +212,16 @@ impl Cluster {
                     self.nodes.push(Node::plain(Part::Source(c), form.column(c).out, how));
                 }
                 Role::Bar | Role::Open(_) => self.ports.push(c),
-                Role::Storage | Role::Resistor | Role::Dependent => {}
+                Role::Storage | Role::Resistor | Role::Dependent | Role::Constraint => {}
             }
         }
         for (c, how) in &r.resistors {
             let steep = r.steep.get(c).copied();
             let out = form.column(*c).out;
+            if form.column(*c).role == Role::Constraint {
+                self.nodes.push(Node { curved: true, ..Node::plain(Part::Multiplier(*c), out, *how) });
+                continue;
+            }
             let gain = own_gain(form, *c).filter(|k| pool.is_switched(*k));
             let switched = gain.filter(|_| matches!(how, Output::Explicit(_))).map(|k| {
                 let (z, input) = (pool.var(out), form.input(pool, *c));
@@ -339,7 +353,9 @@ impl Cluster {
         let moves = |e: Expr| pool.contains_any(e, &|s| pool.value(s).is_none());
         self.nodes.iter().any(|n| match (n.part, n.how) {
             (Part::Source(c), Output::Explicit(e)) => self.driving_sources.contains(&c) && moves(e),
-            (Part::Source(_) | Part::Resistor(_) | Part::SourceDriven(_) | Part::Signal, _) => false,
+            (Part::Source(_) | Part::Resistor(_) | Part::SourceDriven(_) | Part::Signal | Part::Multiplier(_), _) => {
+                false
+            }
         })
     }
 

@@ -1,6 +1,7 @@
 //! What the ledger has of a cluster: names of its entries, and the columns whose powers they are.
 
 use crate::discretise::cluster::{Cluster, Group, Node};
+use crate::discretise::equations::constraints::LOSS;
 use crate::expression::Sign;
 use crate::graph::RegionId;
 use crate::model::Model;
@@ -77,6 +78,10 @@ impl Cluster {
                 let (name, entropy) = named("produced", m);
                 Produced { name, entropy, heat: named("heat", m).1 }
             }));
+            if self.is_constrained(form, *r) {
+                let slot = b.named(Array::Output, format!("dissipated({LOSS})"));
+                e.dissipated.push((LOSS.into(), slot.index as usize));
+            }
             list.push(e);
         }
         list
@@ -165,7 +170,7 @@ pub(crate) fn held_ports(c: &Cluster, form: &Form) -> Vec<usize> {
     let holds = |p: &ColumnId| match form.column(*p).role {
         Role::Bar => form.bars.iter().any(|b| b.holder == *p),
         Role::Open(_) => true,
-        Role::Source(_) | Role::Storage | Role::Resistor | Role::Dependent => false,
+        Role::Source(_) | Role::Storage | Role::Resistor | Role::Dependent | Role::Constraint => false,
     };
     c.ports.iter().enumerate().filter(|(_, p)| holds(p)).map(|(i, _)| i).collect()
 }

@@ -131,7 +131,7 @@ fn source_driven(c: &Cluster, pool: &mut Pool, form: &Form, map: &mut FxHashMap<
                 let change = pool.sub(after, state);
                 map.insert(n.out, pool.div(change, he));
             }
-            (Part::Source(_) | Part::Resistor(_) | Part::Signal, _) => {}
+            (Part::Source(_) | Part::Resistor(_) | Part::Signal | Part::Multiplier(_), _) => {}
         }
     }
 }

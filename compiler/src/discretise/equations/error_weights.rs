@@ -51,7 +51,7 @@ fn is_steep(model: &Model, form: &Form, column: ColumnId) -> bool {
 /// Sum of the magnitudes of the terms of a column's input, in terms of states and loops. What a resistor gives counts
 /// by the terms that it is made of in turn: where a source is balanced by a storage nothing flows, and what is left of
 /// the flow is the rounding of the two.
-fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
+pub(crate) fn terms(model: &mut Model, form: &Form, flat: &FxHashMap<Symbol, Expr>, column: ColumnId) -> Expr {
     let mut list = Vec::new();
     for &(j, k) in &form.column(column).row {
         if is_steep(model, form, j) {

@@ -191,26 +191,46 @@ pub(crate) fn no_memory(b: &mut Builder, c: &Cluster) {
     }
 }
 
-/// Stores the integrals at the end of a step, by their rates over it, and the loops.
-pub(crate) fn store_integrals_and_loops(
+/// The unknowns of the loops.
+pub(crate) fn loops(
+    c: &Cluster,
+    model: &mut Model,
+    (b, lowering): (&mut Builder, &mut Lowering),
+) -> Result<Vec<Value>, Vec<Diagnostic>> {
+    let mut list = Vec::with_capacity(c.loops.len());
+    for z in &c.loops {
+        let z = model.pool.var(*z);
+        list.push(lowering.lower(&model.pool, b, z).map_err(|s| missing(model, s))?);
+    }
+    Ok(list)
+}
+
+/// Stores what the loops of the next step start from.
+pub(crate) fn store_loops(c: &Cluster, b: &mut Builder, loops: &[Value]) {
+    let first = c.states.len() + c.integrals.len();
+    for (i, z) in loops.iter().enumerate() {
+        b.store(Slot::new(Array::Next, first + i), *z);
+    }
+}
+
+/// Stores the integrals at the end of a step: by their rates over it, and by what they change beside that.
+pub(crate) fn store_integrals(
     c: &Cluster,
     model: &mut Model,
     (b, lowering): (&mut Builder, &mut Lowering),
     inputs: &Inputs,
-    flat: &FxHashMap<Symbol, Expr>,
+    (flat, more): (&FxHashMap<Symbol, Expr>, &[Option<Value>]),
 ) -> Result<(), Vec<Diagnostic>> {
     let first = c.states.len();
     for (i, (integral, start)) in c.integrals.iter().zip(&inputs.integrals).enumerate() {
         let rate = model.pool.substitute(integral.rate, flat);
         let rate = lowering.lower(&model.pool, b, rate).map_err(|s| missing(model, s))?;
-        let change = b.mul(inputs.h, rate);
+        let mut change = b.mul(inputs.h, rate);
+        if let Some(more) = more.get(i).copied().flatten() {
+            change = b.add(change, more);
+        }
         let v = b.add(*start, change);
         b.store(Slot::new(Array::Next, first + i), v);
-    }
-    for (i, z) in c.loops.iter().enumerate() {
-        let z = model.pool.var(*z);
-        let v = lowering.lower(&model.pool, b, z).map_err(|s| missing(model, s))?;
-        b.store(Slot::new(Array::Next, first + c.integrals.len() + i), v);
     }
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use crate::discretise::analysis::energy_minimum;
 use crate::discretise::cluster::{Cluster, Group, missing};
+use crate::discretise::equations::constraints::{self, Projected};
 use crate::discretise::equations::inputs::Inputs;
 use crate::discretise::equations::{angle_addition, error_weights};
 use crate::expression::{Expr, Lowering, Node, Number, Symbol};
@@ -13,7 +14,7 @@ use bond_runtime::scene::Entries;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Stores the ledger's terms of a step, and the port means. The outputs over the step are given by some instants of it,
-/// or means, each with its weight.
+/// or means, each with its weight; what puts the end on constraints comes on top.
 #[expect(clippy::too_many_arguments, reason = "the pieces of one step")]
 pub(crate) fn ledger(
     c: &Cluster,
@@ -23,7 +24,7 @@ pub(crate) fn ledger(
     lowering: &mut Lowering,
     stages: &[(f64, &FxHashMap<Symbol, Expr>)],
     entries: &[Entries],
-    h: Value,
+    (h, projected): (Value, Option<&Projected>),
 ) -> Result<(), Vec<Diagnostic>> {
     let mut value = |model: &mut Model, b: &mut Builder, flat: &FxHashMap<Symbol, Expr>, e: Expr| {
         let e = model.pool.substitute(e, flat);
@@ -65,7 +66,10 @@ pub(crate) fn ledger(
         for ((_, slot), column) in e.supplied.iter().zip(&accounts.supplied) {
             let p = power(model, b, &[*column])?;
             let w = b.mul(h, p);
-            let w = b.unary(Unary::Neg, w);
+            let mut w = b.unary(Unary::Neg, w);
+            if let Some(more) = projected.and_then(|found| found.supplied.get(column)) {
+                w = b.add(w, *more);
+            }
             b.store(Slot::new(Array::Output, *slot), w);
         }
         for ((_, slot), columns) in e.dissipated.iter().zip(&accounts.dissipated) {
@@ -74,6 +78,7 @@ pub(crate) fn ledger(
             b.store(Slot::new(Array::Output, *slot), w);
         }
     }
+    constraints::store(c, form, b, entries, projected);
     for (e, accounts) in entries.iter().zip(&all) {
         for (produced, columns) in e.produced.iter().zip(&accounts.produced) {
             for (slot, warm) in [(produced.entropy, false), (produced.heat, true)] {

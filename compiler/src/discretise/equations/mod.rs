@@ -2,6 +2,7 @@
 
 pub(crate) mod accounts;
 pub(crate) mod angle_addition;
+pub(crate) mod constraints;
 pub(crate) mod discrete_gradient;
 pub(crate) mod error_weights;
 pub(crate) mod exact_coefficients;

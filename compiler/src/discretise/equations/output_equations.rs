@@ -5,7 +5,7 @@ use crate::discretise::analysis::relay::{self, Relay};
 use crate::discretise::analysis::smoothness;
 use crate::discretise::cluster::{self, Cluster, missing};
 use crate::discretise::equations::system::System;
-use crate::discretise::equations::{error_weights, newton};
+use crate::discretise::equations::{constraints, error_weights, newton};
 use crate::expression::{Expr, Lowering, Number, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output};
@@ -51,13 +51,16 @@ pub(crate) fn outputs(
     wanted: Option<&[Expr]>,
 ) -> Result<FxHashMap<Symbol, Expr>, Vec<Diagnostic>> {
     let flat = c.flat_at_instant(&mut model.pool, form);
+    let mut now = flat.clone();
     let mut residuals: Vec<Expr> = c.residuals_in(&mut model.pool, &flat);
+    let speeds = c.constraints_at_instant(model, form, &mut now, &mut residuals)?;
     let needed = match wanted {
-        Some(wanted) => {
+        // Speeds without inertia go with all that ties them.
+        Some(wanted) if speeds.now.is_empty() => {
             let wanted: Vec<Expr> = wanted.iter().map(|e| model.pool.substitute(*e, &flat)).collect();
             needed(c, &model.pool, &residuals, wanted)
         }
-        None => vec![true; residuals.len()],
+        Some(_) | None => vec![true; residuals.len()],
     };
     // Where the states alone impose what a curve receives, and it is vertical there, an instant does not determine its
     // parameter: the force that holds a body at rest follows from the whole step. It stays near what the step
@@ -117,8 +120,11 @@ pub(crate) fn outputs(
     }
     // Power counts here as energy does in a step.
     let one = model.pool.int(1);
-    let weight = error_weights::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
+    let mut weight = error_weights::weights_of_loops(c, model, form, b, lowering, guesses, one)?;
     let mut scale = error_weights::scales(c, model, form, b, lowering, (&[], &[], guesses), None)?;
+    speeds.solve(c, (model, form), (b, lowering), guesses)?;
+    let measured = (&mut residuals[..], &mut weight[..], &mut scale[..]);
+    constraints::measure_instant(c, (model, form), (b, lowering), guesses, measured)?;
     let mut start = guesses.to_vec();
     for (i, node) in c.loop_nodes().into_iter().enumerate().filter(|(i, _)| needed[*i]) {
         if smoothness::is_flat(node, &mut model.pool) {
@@ -128,7 +134,7 @@ pub(crate) fn outputs(
     }
     if observed && c.loops.len() <= LOOPS && bare.iter().zip(&needed).any(|(bare, needed)| *bare && *needed) {
         let sizes = (&weight[..], &scale[..]);
-        let regularised = Regularised { flat: &flat, free: &free, held: &residuals, open: &open, coupled, sizes };
+        let regularised = Regularised { flat: &now, free: &free, held: &residuals, open: &open, coupled, sizes };
         let (found, loops) = regularised.solve((c, model), b, lowering, &start, last)?;
         let known = regularised.unless(found, (c, model, lowering), &residuals, &loops);
         for (value, start) in loops.into_iter().zip(&mut start) {
@@ -149,6 +155,7 @@ pub(crate) fn outputs(
         ..System::default()
     };
     newton::solve(model, b, lowering, system)?;
+    speeds.restore(model, b, lowering)?;
     Ok(flat)
 }
 

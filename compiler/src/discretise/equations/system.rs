@@ -36,6 +36,17 @@ pub(crate) struct System {
     pub(crate) non_smooth: bool,
 }
 
+impl System {
+    /// Takes an unknown in with its residual; it starts somewhere, and has a weight and a scale.
+    pub(crate) fn push(&mut self, (unknown, residual): (Symbol, Expr), (start, weight, scale): (Value, Value, Value)) {
+        self.unknowns.push(unknown);
+        self.residuals.push(residual);
+        self.start.push(start);
+        self.weight.push(weight);
+        self.scale.push(scale);
+    }
+}
+
 /// The part of the unknowns of a step that its iteration may leave. Where nothing takes energy out it is always on the
 /// same side, so that it adds up, and where steps are not fitted there may be 1e7 of them.
 pub(crate) fn left(c: &Cluster) -> Option<f64> {

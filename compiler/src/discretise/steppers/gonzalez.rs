@@ -6,8 +6,11 @@
 
 use crate::discretise::analysis::relay;
 use crate::discretise::cluster::{Cluster, Recall, missing, verified};
+use crate::discretise::equations::constraints::StepSizes;
 use crate::discretise::equations::system::{self, System};
-use crate::discretise::equations::{angle_addition, discrete_gradient, exact_coefficients, inputs, ledger, newton};
+use crate::discretise::equations::{
+    angle_addition, constraints, discrete_gradient, exact_coefficients, inputs, ledger, newton,
+};
 use crate::discretise::steppers::label::{Label, Refusal, Step};
 use crate::discretise::steppers::predictor::{self, Predictor};
 use crate::expression::Lowering;
@@ -49,7 +52,10 @@ pub(crate) fn write(
     if whole {
         exact_coefficients::compensated(c, model, &mut b, &mut lowering, &inputs, &mut residuals);
     }
-    let (weight, scale) = discrete_gradient::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
+    let (mut weight, mut scale) = discrete_gradient::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
+    let sizes = StepSizes::of(c, (model, form), (&mut b, &mut lowering), &inputs)?;
+    sizes.measure(c, &mut weight, &mut scale);
+    sizes.reduce(c, &mut model.pool, 0.5, &mut residuals);
     let zero = b.number(0.0);
     let rest: Vec<Value> = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();
     let predictor = if own { Predictor::new(&mut b, c, inputs.h) } else { None };
@@ -108,7 +114,12 @@ pub(crate) fn write(
         rests.push(rest);
         changes.push(d);
     }
-    ledger::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, inputs.h)?;
+    let loops = inputs::loops(c, model, (&mut b, &mut lowering))?;
+    let ends = (&mut next[..], &mut rests[..]);
+    let projected = constraints::project(c, (model, form), &mut b, (&inputs, &loops), ends)?;
+    let projected = projected.as_ref();
+    let stages = [(1.0, &flat)];
+    ledger::ledger(c, model, form, &mut b, &mut lowering, &stages, &entries, (inputs.h, projected))?;
     let first = b.slots(Array::Next, c.slots()).index as usize;
     match &predictor {
         Some(predictor) => predictor.keep(&mut b, c, &changes),
@@ -120,7 +131,9 @@ pub(crate) fn write(
     for (i, v) in next.iter().enumerate() {
         b.store(Slot::new(Array::Next, first + i), *v);
     }
-    inputs::store_integrals_and_loops(c, model, (&mut b, &mut lowering), &inputs, &flat)?;
+    let more = projected.map_or(&[][..], |found| &found.integrals);
+    inputs::store_integrals(c, model, (&mut b, &mut lowering), &inputs, (&flat, more))?;
+    inputs::store_loops(c, &mut b, &loops);
     ledger::energies(c, (model, form), &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     Ok((label.stepper(program), entries))

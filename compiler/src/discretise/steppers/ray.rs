@@ -7,7 +7,7 @@ use crate::discretise::analysis::energy_minimum;
 use crate::discretise::cluster::{Cluster, State, missing, verified};
 use crate::discretise::equations::inputs::{self, Inputs};
 use crate::discretise::equations::system::System;
-use crate::discretise::equations::{accounts, ledger, newton, output_equations};
+use crate::discretise::equations::{accounts, constraints, ledger, newton, output_equations};
 use crate::discretise::steppers::label::{Label, Refusal, Step};
 use crate::expression::{Expr, Lowering, Symbol};
 use crate::model::Model;
@@ -23,6 +23,9 @@ pub(crate) fn step(label: Label, c: &mut Cluster, model: &mut Model, form: &Form
         let why = "one of its storages follows a source, for which the construction along a line is not defined";
         return Err(Refusal::Unfit(why.into()));
     }
+    if c.has_constraints() {
+        return Err(Refusal::Unfit(constraints::TIED.into()));
+    }
     Ok(write(label, c, model, form)?)
 }
 
@@ -35,7 +38,7 @@ fn write(label: Label, c: &Cluster, model: &mut Model, form: &Form) -> Result<St
     let pull =
         output_equations::Pull { curves: c.thresholds.regular.slight_pull, switches: output_equations::Switched::Free };
     let flat = output_equations::outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, pull), None)?;
-    ledger::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, inputs.h)?;
+    ledger::ledger(c, model, form, &mut b, &mut lowering, &[(1.0, &flat)], &entries, (inputs.h, None))?;
     let mut writing = Writing::new((c, model, form), (b, lowering), &inputs, &flat)?;
     let line = writing.line()?;
     let mirror = writing.mirror()?;
@@ -257,7 +260,10 @@ impl<'a> Writing<'a> {
             self.b.store(Slot::new(Array::Next, i), *v);
         }
         let writer = (&mut self.b, &mut self.lowering);
-        inputs::store_integrals_and_loops(self.c, self.model, writer, self.inputs, flat)
+        inputs::store_integrals(self.c, self.model, writer, self.inputs, (flat, &[]))?;
+        let loops = inputs::loops(self.c, self.model, (&mut self.b, &mut self.lowering))?;
+        inputs::store_loops(self.c, &mut self.b, &loops);
+        Ok(())
     }
 }
 

@@ -33,6 +33,7 @@ use crate::discretise::analysis::polynomial::{self, degree, is_quadratic};
 use crate::discretise::analysis::relay;
 use crate::discretise::analysis::smoothness::{self, is_kink};
 use crate::discretise::cluster::{Cluster, Part, Recall, missing, verified};
+use crate::discretise::equations::constraints::{self, LOSS, Projected, StepSizes};
 use crate::discretise::equations::exact_coefficients::{self, Slopes};
 use crate::discretise::equations::inputs::{self, Inputs};
 use crate::discretise::equations::system::{self, System};
@@ -219,12 +220,18 @@ impl Plan {
         &self,
         (c, model, form): (&Cluster, &mut Model, &Form),
         (b, lowering): (&mut Builder, &mut Lowering),
-        (unknowns, residuals): (&[Symbol], Vec<Expr>),
+        (unknowns, mut residuals): (&[Symbol], Vec<Expr>),
         inputs: &Inputs,
         (whole, apart, own): (bool, Option<&Decoupled>, bool),
     ) -> Result<FxHashMap<Symbol, Value>, Vec<Diagnostic>> {
         let s = self.tableau.stages();
-        let (weight, scale) = discrete_gradient::measures(c, model, form, b, lowering, inputs)?;
+        let (mut weight, mut scale) = discrete_gradient::measures(c, model, form, b, lowering, inputs)?;
+        let sizes = StepSizes::of(c, (model, form), (b, lowering), inputs)?;
+        sizes.measure(c, &mut weight, &mut scale);
+        let n = c.states.len() + c.loops.len();
+        for ((i, row), stage) in self.tableau.matrix().into_iter().enumerate().zip(residuals.chunks_mut(n.max(1))) {
+            sizes.reduce(c, &mut model.pool, row[i], stage);
+        }
         let start = match own {
             true => guesses(b, c, &self.tableau, inputs),
             false => cold(b, c, s, inputs),
@@ -351,7 +358,7 @@ fn source_driven(
                     map.insert(n.out, pool.sum(&terms));
                 }
             }
-            (Part::Source(_) | Part::Resistor(_) | Part::Signal, _) => {}
+            (Part::Source(_) | Part::Resistor(_) | Part::Signal | Part::Multiplier(_), _) => {}
         }
     }
 }
@@ -498,7 +505,7 @@ pub(crate) fn step(
         return Err(Refusal::Unfit(why.into()));
     }
     c.couple_stiffly(model, form);
-    let decoupled = if follows { None } else { Decoupled::new(c, model, form, nodes) };
+    let decoupled = if follows || c.has_constraints() { None } else { Decoupled::new(c, model, form, nodes) };
     // Linear equations are solved at once: from no guess, and by a quadrature that misses nothing.
     let linear = decoupled.as_ref().is_some_and(|d| d.is_linear());
     c.memory = if linear { 0 } else { memory(c, nodes) };
@@ -584,6 +591,9 @@ fn write(
         let u = model.pool.var(*u);
         found.push(value(model, &mut b, u)?);
     }
+    let last = found.len() - c.loops.len();
+    let ends = (&mut next[..], &mut rests[..]);
+    let projected = constraints::project(c, (model, form), &mut b, (&inputs, &found[last..]), ends)?;
     b.slots(Array::Next, c.slots());
     for (i, (v, rest)) in next.iter().zip(&rests).enumerate() {
         b.store(Slot::new(Array::Next, i), *v);
@@ -596,27 +606,28 @@ fn write(
         }
         let mean = model.pool.combine(&terms);
         let mean = value(model, &mut b, mean)?;
-        let change = b.mul(inputs.h, mean);
+        let mut change = b.mul(inputs.h, mean);
+        if let Some(more) = projected.as_ref().and_then(|found| found.integrals[i]) {
+            change = b.add(change, more);
+        }
         let v = b.add(*start, change);
         b.store(Slot::new(Array::Next, c.states.len() + i), v);
     }
-    let last = found.len() - c.loops.len();
-    for (i, z) in found[last..].iter().enumerate() {
-        b.store(Slot::new(Array::Next, c.states.len() + c.integrals.len() + i), *z);
-    }
+    inputs::store_loops(c, &mut b, &found[last..]);
     match own {
         true if linear.is_none() => keep(&mut b, c, tableau, inputs.h, &found),
         true => {}
         false => inputs::no_memory(&mut b, c),
     }
-    changes(c, model, &mut b, &mut lowering, &steps, &entries)?;
+    changes(c, (model, form), (&mut b, &mut lowering), (&steps, projected.as_ref()), &entries)?;
     let mut passive = true;
     if nodes == Nodes::Radau {
         passive = losses(c, model, &mut b, &mut lowering, &plan, &mut entries)?;
     }
     let stages: Vec<(f64, &FxHashMap<Symbol, Expr>)> =
         tableau.weights.iter().map(|w| w.high).zip(&plan.flats).collect();
-    ledger::ledger(c, model, form, &mut b, &mut lowering, &stages, &entries, inputs.h)?;
+    let over = (inputs.h, projected.as_ref());
+    ledger::ledger(c, model, form, &mut b, &mut lowering, &stages, &entries, over)?;
     ledger::energies(c, (model, form), &mut b, (&next, &rests), &inputs, &entries)?;
     let program = verified(model, b.finish())?;
     // Linear equations need no other stepper.
@@ -632,10 +643,9 @@ fn write(
 /// than rounding.
 fn changes(
     c: &Cluster,
-    model: &mut Model,
-    b: &mut Builder,
-    lowering: &mut Lowering,
-    steps: &[Value],
+    (model, form): (&mut Model, &Form),
+    (b, lowering): (&mut Builder, &mut Lowering),
+    (steps, projected): (&[Value], Option<&Projected>),
     entries: &[Entries],
 ) -> Result<(), Vec<Diagnostic>> {
     let half = model.pool.ratio(1, 2);
@@ -659,6 +669,12 @@ fn changes(
                 let part = b.unary(Unary::Abs, part);
                 size = b.add(size, part);
             }
+        }
+        if let Some(projected) = projected {
+            let part = projected.change(b, form, *r);
+            sum = b.add(sum, part);
+            let part = b.unary(Unary::Abs, part);
+            size = b.add(size, part);
         }
         b.store(Slot::new(Array::Output, change), sum);
         b.store(Slot::new(Array::Output, exchanged), size);
@@ -710,9 +726,9 @@ fn losses(
         }
         let loss = model.pool.combine(&terms);
         let loss = lowering.lower(&model.pool, b, loss).map_err(|s| missing(model, s))?;
-        let slot = b.named(Array::Output, "dissipated(numerical loss)");
+        let slot = b.named(Array::Output, format!("dissipated({LOSS})"));
         b.store(slot, loss);
-        e.dissipated.push(("numerical loss".into(), slot.index as usize));
+        e.dissipated.push((LOSS.into(), slot.index as usize));
     }
     Ok(whole)
 }

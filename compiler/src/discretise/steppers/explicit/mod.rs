@@ -10,7 +10,7 @@ pub(crate) mod tableau;
 
 use crate::discretise::cluster::{Cluster, verified};
 use crate::discretise::equations::inputs::Inputs;
-use crate::discretise::equations::{inputs, ledger};
+use crate::discretise::equations::{constraints, inputs, ledger};
 use crate::discretise::steppers::collocation;
 use crate::discretise::steppers::label::{Label, Refusal, Step};
 use crate::expression::{Expr, Lowering};
@@ -32,6 +32,9 @@ pub(crate) fn step(
     form: &Form,
     method: &Tableau,
 ) -> Result<Step, Refusal> {
+    if c.has_constraints() {
+        return Err(Refusal::Unfit(constraints::TIED.into()));
+    }
     if method.projected {
         let projection = Projection::of(c, model, form).map_err(Refusal::Unfit)?;
         c.memory = projection.memory() + stiffness::memory(c);

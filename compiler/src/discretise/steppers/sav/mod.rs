@@ -23,7 +23,7 @@ mod predictor;
 use crate::discretise::cluster::{Cluster, Part, missing, verified};
 use crate::discretise::equations::inputs::{self, Inputs};
 use crate::discretise::equations::system::System;
-use crate::discretise::equations::{discrete_gradient, ledger, newton};
+use crate::discretise::equations::{constraints, discrete_gradient, ledger, newton};
 use crate::discretise::steppers::label::{Label, Refusal, Step};
 use crate::expression::{Expr, Growth, Lowering, Node, Number, Pool, Sign, Symbol, growth};
 use crate::model::Model;
@@ -290,6 +290,9 @@ fn refusal(c: &Cluster, pool: &Pool, form: &Form) -> Option<String> {
     if !c.driving_sources.is_empty() {
         return Some("a storage of it follows a source".into());
     }
+    if c.has_constraints() {
+        return Some(constraints::TIED.into());
+    }
     let stored = c.groups.iter().find_map(|g| {
         let own = |s: Symbol| g.states.iter().any(|i| c.states[*i].symbol == s);
         let grows = g.coenergy.iter().any(|z| grows(pool, *z, &own));
@@ -485,9 +488,11 @@ impl Writing<'_> {
                 (Part::Resistor(column), Output::Explicit(_) | Output::Implicit { .. }) => {
                     self.resistor(column, n.how)?
                 }
-                (Part::Source(_) | Part::Signal | Part::SourceDriven(_), Output::Explicit(e)) => self.linear(e)?,
+                (Part::Source(_) | Part::Signal | Part::SourceDriven(_) | Part::Multiplier(_), Output::Explicit(e)) => {
+                    self.linear(e)?
+                }
                 (
-                    Part::Source(_) | Part::Signal | Part::SourceDriven(_),
+                    Part::Source(_) | Part::Signal | Part::SourceDriven(_) | Part::Multiplier(_),
                     Output::Implicit { .. } | Output::Curve { .. },
                 ) => {
                     continue;
@@ -540,7 +545,7 @@ impl Writing<'_> {
                     let z = self.model.pool.var(n.out);
                     (z, self.resistor(column, n.how)?)
                 }
-                (Part::Source(_) | Part::Signal | Part::SourceDriven(_), how) => {
+                (Part::Source(_) | Part::Signal | Part::SourceDriven(_) | Part::Multiplier(_), how) => {
                     let Output::Explicit(e) = how else { continue };
                     let z = self.model.pool.var(n.out);
                     (z, self.linear(e)?)
@@ -603,7 +608,7 @@ pub(crate) fn step(label: Label, c: &mut Cluster, model: &mut Model, form: &Form
         let change = b.mul(inputs.h, rate);
         integrals.push(b.add(*start, change));
     }
-    ledger::ledger(c, model, &plan.form, &mut b, &mut lowering, &[(1.0, &plan.flat)], &entries, inputs.h)?;
+    ledger::ledger(c, model, &plan.form, &mut b, &mut lowering, &[(1.0, &plan.flat)], &entries, (inputs.h, None))?;
     let sizes = energies(c, model, form, &mut b, &stores, (&next, &rests, &kept), &inputs, &mut entries)?;
     b.slots(Array::Next, c.slots());
     let store = |b: &mut Builder, at: usize, list: &[Value]| {
