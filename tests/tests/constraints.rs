@@ -207,6 +207,36 @@ fn a_driven_crank_with_friction_and_mass() {
     close(probe(&mut sim, "torque"), wanted, 1e-7, "the torque");
 }
 
+/// A crank that its wheel turns through both dead centres, where the slider does not say how fast it turns; `angle` is
+/// what the crank reads.
+fn crank(angle: &str) -> String {
+    format!(
+        "model Crank(r = 0.3 m, l = 1 m) {{
+          I:wheel {{ inertia = 1 kg*m^2; f0 = 5 rad/s }}
+          C:turn {{ H = 0 }}
+          let counted = integral(w.f, 0 rad)
+          let a = {angle}
+          TF:crank = r*sin(a) + r^2*sin(a)*cos(a)/sqrt(l^2 - r^2*sin(a)^2)
+          I:slider = 2 kg
+          1:w -> wheel, turn, crank
+          crank -> 1:v -> slider
+          probe speed = wheel.f
+          probe place = turn.q
+        }}"
+    )
+}
+
+#[test]
+fn a_crank_through_its_dead_centres() {
+    let merged = fine(&crank("turn.q"));
+    let tied = fine(&crank("counted"));
+    assert!(tied.show("phs").contains("is tied by a constraint"), "{}", tied.show("phs"));
+    for what in ["speed", "place"] {
+        let wanted = end(&merged, Steps::tolerance(1e-11), 3.0, what);
+        close(end(&tied, Steps::tolerance(1e-11), 3.0, what), wanted, 1e-9, what);
+    }
+}
+
 /// A chain of so many pendulums: masses on rods without mass, from a wall.
 fn chain(n: usize) -> String {
     read(&models().join("examples/pendulum_chain.bond")).replace("n = 8", &format!("n = {n}"))

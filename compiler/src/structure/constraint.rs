@@ -15,10 +15,11 @@ use super::dependence::Dependence;
 use super::eliminated::Eliminated;
 use super::start::at_start;
 use super::storage::storage;
-use super::{Column, ColumnId, Form, Role, Row, curved, start};
-use crate::expression::{Expr, Pool};
+use super::{Column, ColumnId, Form, Role, Row, curved, quadratic, start};
+use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Model;
 use bond_grammar::diagnostic::Diagnostic;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Ties the storages of a set by constraints; they start where what is stated of them agrees.
 ///
@@ -57,31 +58,79 @@ pub(super) fn constrain(
         }
     }
     follow(model, form, &through, done);
+    set.dependent.iter().for_each(|d| clear(model, form, *d, done));
     Ok(())
 }
 
-/// Which storage another one follows by less than what imposes its co-energy variable: that of the last body of a
-/// chain is that of the one before it and of the joint between. By storage, the other one and the factor.
+/// Has a constraint without what its ratios are divided by, which may pass 0: at the dead centre of a crank the slider
+/// does not say how fast the crank turns, but the crank says that the slider stands still.
+fn clear(model: &mut Model, form: &mut Form, d: ColumnId, done: &mut Eliminated) {
+    let all = form.column(d).row.iter().flat_map(|t| model.pool.symbols(t.1));
+    let moving: FxHashSet<Symbol> = all.filter(|s| model.pool.value(*s).is_none()).collect();
+    let moves = |s: Symbol| moving.contains(&s);
+    let pool = &mut model.pool;
+    let mut row = form.column(d).row.clone();
+    row.iter_mut().for_each(|(_, k)| *k = quadratic::expanded(pool, *k, &moves));
+    let entries: Vec<Expr> = row.iter().map(|t| t.1).collect();
+    let divisors = quadratic::divisors(pool, &entries, &moves);
+    if divisors.is_empty() {
+        return;
+    }
+    let powers: Vec<Expr> = divisors.iter().map(|(base, n)| pool.powi(*base, *n)).collect();
+    let factor = pool.product(&powers);
+    row.iter_mut().for_each(|(_, k)| *k = quadratic::spread(pool, *k, factor));
+    for (c, k) in &row {
+        let minus = pool.neg(*k);
+        if let Some(entry) = form.columns[c.at()].row.iter_mut().find(|t| t.0 == d) {
+            entry.1 = minus;
+        }
+    }
+    let old = form.column(d).out;
+    let new = pool.symbol(&format!("{}'", pool.name(old)));
+    let column = &mut form.columns[d.at()];
+    (column.row, column.out) = (row, new);
+    form.column_of.insert(new, d);
+    let new = pool.var(new);
+    let whole = pool.mul(factor, new);
+    let map = FxHashMap::from_iter([(old, whole)]);
+    done.fixed.values_mut().for_each(|e| *e = pool.substitute(*e, &map));
+    done.fixed.insert(old, whole);
+}
+
+/// Columns whose rows are told by that of a storage which a constraint ties: the column, the storage, and the factor.
 type Through = Vec<(ColumnId, ColumnId, Expr)>;
 
-/// Finds for each storage the one that leaves the least of its row, among those with shorter ones.
+/// Finds for each column the storage that leaves the least of its row: the last body of a chain goes with the one before
+/// it and with the joint between, and what counts the angle of a wheel with the wheel, rather than with the slider by a
+/// ratio that passes 0. Among storages that are tied, those with shorter rows.
 fn through(model: &mut Model, form: &Form, dependent: &[ColumnId]) -> Through {
     let mut order: Vec<ColumnId> = dependent.to_vec();
     order.sort_by_key(|d| (form.column(*d).row.len(), *d));
+    let all = (0..form.columns.len() as u32).map(ColumnId).filter(|c| !order.contains(c));
+    let others: Vec<(ColumnId, usize)> = all.map(|c| (c, order.len())).collect();
     let mut found = Vec::new();
-    for (i, d) in order.iter().enumerate() {
-        let own = &form.column(*d).row;
-        let best = order[..i].iter().filter_map(|e| {
+    for (c, count) in order.iter().copied().enumerate().map(|(i, d)| (d, i)).chain(others) {
+        let own = &form.column(c).row;
+        let least = if is_divided(&mut model.pool, own) { 0 } else { 1 };
+        let best = order[..count].iter().filter_map(|e| {
             let (factor, same) = likeness(&mut model.pool, own, &form.column(*e).row)?;
             // What the two have in common, less what the other has besides.
             let more = form.column(*e).row.len() - same;
-            (same > more + 1).then_some((same - more, *e, factor))
+            (same > more + least).then_some((same - more, *e, factor))
         });
         if let Some((_, e, factor)) = best.max_by_key(|(gain, e, _)| (*gain, *e)) {
-            found.push((*d, e, factor));
+            found.push((c, e, factor));
         }
     }
     found
+}
+
+/// Whether a row has a divisor that moves.
+fn is_divided(pool: &mut Pool, row: &Row) -> bool {
+    let moving: FxHashSet<Symbol> =
+        row.iter().flat_map(|t| pool.symbols(t.1)).filter(|s| pool.value(*s).is_none()).collect();
+    let entries: Vec<Expr> = row.iter().map(|t| quadratic::expanded(pool, t.1, &|s| moving.contains(&s))).collect();
+    !quadratic::divisors(pool, &entries, &|s| moving.contains(&s)).is_empty()
 }
 
 /// The factor by which one row goes into another most, and how many entries they then have in common.
@@ -95,43 +144,39 @@ fn likeness(pool: &mut Pool, row: &Row, other: &Row) -> Option<(Expr, usize)> {
     Some((factor, same))
 }
 
-/// Has constraints take their storages' own outputs for what these impose: a combination of constraints, by which the
+/// Has columns take the storages' own outputs for what these impose: a combination with the constraints, by which the
 /// multipliers combine too. Rows then have entries for neighbours alone.
 fn follow(model: &mut Model, form: &mut Form, through: &Through, done: &mut Eliminated) {
     if through.is_empty() {
         return;
     }
+    let one = model.pool.int(1);
     let mut change: Change = Vec::new();
-    for (d, e, factor) in through {
-        let one = model.pool.int(1);
-        change.push((*d, vec![(*d, one), (*e, model.pool.neg(*factor))]));
+    for (c, e, factor) in through {
+        change.push((*c, vec![(*c, one), (*e, model.pool.neg(*factor))]));
     }
-    // The multipliers of those that others follow are theirs and parts of the others'.
-    let followed: Vec<ColumnId> = through.iter().map(|t| t.1).filter(|e| !through.iter().any(|t| t.0 == *e)).collect();
-    for e in followed {
-        if !change.iter().any(|(d, _)| *d == e) {
-            let one = model.pool.int(1);
-            change.push((e, vec![(e, one)]));
-        }
-    }
+    // The multipliers of those that others follow are theirs and parts of the others' outputs.
+    let mut followed: Vec<ColumnId> = through.iter().map(|t| t.1).collect();
+    followed.sort_unstable();
+    followed.dedup();
+    let own = followed.iter().filter(|e| through.iter().all(|t| t.0 != **e));
+    change.extend(own.map(|e| (*e, vec![(*e, one)])));
     change::transform(&mut model.pool, form, &change);
-    for (e, _) in &change {
+    for e in &followed {
         let old = form.column(*e).out;
-        let name = format!("{}'", model.pool.name(old));
-        let new = model.pool.symbol(&name);
+        let new = model.pool.symbol(&format!("{}'", model.pool.name(old)));
         form.columns[e.at()].out = new;
         form.column_of.insert(new, *e);
     }
-    for (e, _) in &change {
-        let old = done.before[e.at()];
+    for e in &followed {
         let mut terms = vec![model.pool.var(form.column(*e).out)];
-        for (d, _, factor) in through.iter().filter(|t| t.1 == *e) {
-            let new = model.pool.var(form.column(*d).out);
-            let part = model.pool.mul(*factor, new);
+        for (c, _, factor) in through.iter().filter(|t| t.1 == *e) {
+            let out = model.pool.var(form.column(*c).out);
+            let part = model.pool.mul(*factor, out);
             terms.push(model.pool.neg(part));
         }
         let sum = model.pool.sum(&terms);
-        done.fixed.insert(old, sum);
+        done.fixed.insert(done.before[e.at()], sum);
     }
 }
 

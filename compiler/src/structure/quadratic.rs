@@ -445,7 +445,7 @@ pub(super) fn no_inertia(model: &Model, form: &Form, set: &Dependence) -> Diagno
 }
 
 /// What the entries are divided by and changes with states, with the power of it.
-fn divisors(pool: &Pool, entries: &[Expr], is_state: &dyn Fn(Symbol) -> bool) -> Vec<(Expr, i64)> {
+pub(super) fn divisors(pool: &Pool, entries: &[Expr], is_state: &dyn Fn(Symbol) -> bool) -> Vec<(Expr, i64)> {
     let mut bases: Vec<(Expr, i64)> = Vec::new();
     for e in entries {
         let terms: Vec<Expr> = match pool.node(*e).clone() {
@@ -471,7 +471,7 @@ fn divisors(pool: &Pool, entries: &[Expr], is_state: &dyn Fn(Symbol) -> bool) ->
 }
 
 /// A product of sums multiplied out where one of them divides by what changes with states, as `r (1 + b/a)`.
-fn expanded(pool: &mut Pool, e: Expr, is_state: &dyn Fn(Symbol) -> bool) -> Expr {
+pub(super) fn expanded(pool: &mut Pool, e: Expr, is_state: &dyn Fn(Symbol) -> bool) -> Expr {
     match pool.node(e).clone() {
         Node::Sum(constant, list) => {
             let mut terms = vec![pool.numeral(constant)];
@@ -495,7 +495,7 @@ fn expanded(pool: &mut Pool, e: Expr, is_state: &dyn Fn(Symbol) -> bool) -> Expr
 }
 
 /// `a g`, term by term, so that g cancels what a is divided by.
-fn spread(pool: &mut Pool, a: Expr, g: Expr) -> Expr {
+pub(super) fn spread(pool: &mut Pool, a: Expr, g: Expr) -> Expr {
     match pool.node(a).clone() {
         Node::Sum(constant, list) if !pool.is_one(g) => {
             let mut terms: Vec<Expr> = Vec::new();
