@@ -100,9 +100,9 @@ fn clear(model: &mut Model, form: &mut Form, d: ColumnId, done: &mut Eliminated)
 /// Columns whose rows are told by that of a storage which a constraint ties: the column, the storage, and the factor.
 type Through = Vec<(ColumnId, ColumnId, Expr)>;
 
-/// Finds for each column the storage that leaves the least of its row: the last body of a chain goes with the one before
-/// it and with the joint between, and what counts the angle of a wheel with the wheel, rather than with the slider by a
-/// ratio that passes 0. Among storages that are tied, those with shorter rows.
+/// Finds for each column the storage that leaves the least of its row: the last body of a chain goes with the one
+/// before it and with the joint between, and what counts the angle of a wheel with the wheel, rather than with the
+/// slider by a ratio that passes 0. Among storages that are tied, those with shorter rows.
 fn through(model: &mut Model, form: &Form, dependent: &[ColumnId]) -> Through {
     let mut order: Vec<ColumnId> = dependent.to_vec();
     order.sort_by_key(|d| (form.column(*d).row.len(), *d));
