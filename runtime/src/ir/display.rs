@@ -166,6 +166,7 @@ mod tests {
         let s = b.unary(Unary::Sin, v);
         let c = b.select(v, s, v);
         b.store(w, c);
+        b.store(Slot::new(Array::Local, w.index as usize + 1), s);
         b.push(Inst::Quad { to: y, table: 0, from: w, n: 2, root: false }, y, 1);
         let to = Slot::new(Array::Next, n.index as usize);
         b.push(Inst::MatVec { to, table: 0, from: w, rows: 1, cols: 2, low: true }, to, 1);
@@ -207,6 +208,7 @@ program \"all of them\"
   v1 = sin v0
   v2 = select v0 v1 v0
   w[0] = v2
+  w[1] = v1
   y[0] = form c[0] 2 of w[0]
   n[0] = matrix c[0] 1x2 twice times w[0]
   v3 = const 1.0
