@@ -174,6 +174,19 @@ fn an_arm_whose_length_is_given_by_time() {
     close(end(&compiled, Steps::tolerance(1e-11), 1.0, "speed"), wanted, 1e-10, "the speed");
 }
 
+/// A length that another region gives: no bond brings its power. There it is a swing, `sin(2 t)/2`.
+#[test]
+fn an_arm_whose_length_is_of_another_region() {
+    let swing = "I:other { inertia = 1 kg; f0 = 1 m/s }
+          C:place { stiffness = 4 N/m }
+          1:swing -> other, place
+          probe speed";
+    let compiled = fine(&arm("1 m + 0.3*place.q").replace("stiffness = 3 N*m", "H = 0").replace("probe speed", swing));
+    let a = 1.0 + 0.15 * 2.0f64.sin();
+    let wanted = 2.0 * (2.0 / (1.0 + a * a)).sqrt();
+    close(end(&compiled, Steps::tolerance(1e-11), 1.0, "speed"), wanted, 1e-10, "the speed");
+}
+
 /// A crank at a given speed moves a piston with dry friction and mass.
 const DRIVEN: &str = "model Driven(r = 0.05 m, l = 0.15 m, w = 30 rad/s, Fc = 40 N, m = 0.5 kg) {
   Sf:drive = w
