@@ -10,7 +10,7 @@
 //! | --- | --- | --- |
 //! | [`elaborate`] | [`Model`] | every instance is expanded, every name resolved, every value an expression in SI, every unit checked; the model owns the [`Pool`](expression::Pool) of expressions |
 //! | [`graph`] | [`BondGraph`] | elements and bonds; cutting the double bars left connected regions, continuous or sampled |
-//! | [`causality`] | [`Causality`] | one stroke per bond, with the reason for it; no two causes conflict. The graph may be another one then: massless inertias are added |
+//! | [`causality`] | [`Causality`] | one stroke per bond, with the reason for it; no two causes conflict. The graph may be another one then: massless inertias and multipliers are added |
 //! | [`structure`] | [`Form`] | one *column* per element, which receives one variable and gives the other; inputs = D outputs, and D is skew (`Form::validate`); storages in derivative causality are merged into others |
 //! | [`discretise`] | [`Scene`] | step programs of each cluster, verified; ledger entries, probes, schedule |
 //! | [`backend`] | kernels, C, objects, modules | the same operations in the same order as the interpreter's; bits differ only in functions that the host computes |
@@ -308,7 +308,7 @@ fn structured(mut model: Model, graph: BondGraph) -> Result<Stages, Vec<Diagnost
         return Err(once(within));
     }
     let (graph, causality) = causality::assign(&mut model, graph).map_err(once)?;
-    let form = structure::build(&mut model, &graph, &causality).map_err(once)?;
+    let (graph, causality, form) = structure::build(&mut model, graph, causality).map_err(once)?;
     let mixed = discretise::mixed(&model, &form);
     if mixed.is_empty() { Ok(Stages { model, graph, causality, form }) } else { Err(mixed) }
 }

@@ -85,6 +85,9 @@ pub enum OnePort {
     Resistor,
     /// An open port of the scene.
     Open,
+    /// It gives this variable, whatever has the other one be 0: a multiplier, which the compiler puts where causality
+    /// would have storages depend on one another.
+    Multiplier(Variable),
 }
 
 /// How an element with two bonds relates their variables.
@@ -141,10 +144,10 @@ impl Kind {
         matches!(self, Kind::OnePort(OnePort::Detector(_)))
     }
 
-    /// The variable that a source or a detector must give.
+    /// The variable that a source, a detector or a multiplier must give.
     pub fn forced(self) -> Option<Variable> {
         match self {
-            Kind::OnePort(OnePort::Source(given)) => Some(given),
+            Kind::OnePort(OnePort::Source(given) | OnePort::Multiplier(given)) => Some(given),
             Kind::OnePort(OnePort::Detector(measured)) => Some(measured.other()),
             Kind::OnePort(OnePort::Storage(_) | OnePort::Resistor | OnePort::Open)
             | Kind::TwoPort(_)
@@ -176,6 +179,8 @@ pub enum Law {
     Junction,
     /// An open port, with the least inertia that the outside has there (SI), if told.
     Port(Option<f64>),
+    /// A multiplier.
+    Multiplier,
 }
 
 /// A storage: state x, energy H(x), co-energy variable dH/dx.
@@ -258,6 +263,8 @@ pub struct Element {
     pub sampling: Option<usize>,
     /// Written `active`.
     pub active: bool,
+    /// The compiler put it there: it is not shown.
+    pub added: bool,
     /// The field that it is a port of, and which one.
     pub field: Option<(usize, usize)>,
     /// Its declaration.
@@ -265,6 +272,11 @@ pub struct Element {
 }
 
 impl Element {
+    /// Whether it is a multiplier.
+    pub fn is_multiplier(&self) -> bool {
+        matches!(self.law, Law::Multiplier)
+    }
+
     /// Whether it is an inertia of 0 that the compiler put there.
     pub fn is_massless(&self) -> bool {
         matches!(&self.law, Law::Storage(s) if s.massless)
@@ -586,12 +598,10 @@ impl Model {
 
     /// Puts an inertia of 0 on a 1-junction, whose flow then is a speed of its own.
     pub fn add_massless(&mut self, junction: ElementId) {
-        let Some(neighbour) = self.bonds_of().get(junction.at()).and_then(|b| b.first().copied()) else { return };
         let owner = self.element(junction).clone();
         let state = self.pool.symbol(&format!("{}.p", owner.name));
         let zero = self.pool.int(0);
-        let id = ElementId(self.elements.len() as u32);
-        self.signals.insert(state, Signal::State(id));
+        self.signals.insert(state, Signal::State(ElementId(self.elements.len() as u32)));
         let law = Law::Storage(Storage {
             state,
             energy: zero,
@@ -602,20 +612,50 @@ impl Model {
             bounded: true,
             massless: true,
         });
+        self.add_at(junction, Kind::I, law, "its speed");
+    }
+
+    /// Puts a multiplier on a bond of which both ends would give this variable: the two are to be equal, and the other
+    /// variable is what sees to that. Where the bond ends at a junction that sums the variable, the multiplier is
+    /// bonded to it; elsewhere to a junction of its own between the two ends.
+    pub fn add_multiplier(&mut self, bond: BondId, both: Variable) {
+        let (kind, sums) = (Kind::OnePort(OnePort::Multiplier(both.other())), Kind::Junction(both.other()));
+        let b = self.bond(bond).clone();
+        let own = [b.head, b.tail].into_iter().find(|end| self.element(*end).kind == sums);
+        let junction = own.unwrap_or_else(|| {
+            let id = ElementId(self.elements.len() as u32);
+            let end = self.element(b.head).clone();
+            self.elements.push(Element { name: b.name.clone(), kind: sums, law: Law::Junction, added: true, ..end });
+            self.bonds[bond.at()].head = id;
+            self.bonds.push(Bond { tail: id, stroke: None, ..b });
+            self.like(bond);
+            id
+        });
+        self.add_at(junction, kind, Law::Multiplier, "its multiplier");
+    }
+
+    /// Bonds an element that the compiler adds to a junction.
+    fn add_at(&mut self, junction: ElementId, kind: Kind, law: Law, what: &str) {
+        let Some(neighbour) = self.bonds.iter().position(|b| b.tail == junction || b.head == junction) else { return };
+        let owner = self.element(junction).clone();
         let bond = Bond {
             tail: junction,
-            head: id,
+            head: ElementId(self.elements.len() as u32),
             sampled: false,
             resolution: None,
             stroke: None,
-            name: format!("{} -> its speed", owner.name),
+            name: format!("{} -> {what}", owner.name),
             span: owner.span,
         };
-        self.elements.push(Element { kind: Kind::I, law, active: false, field: None, ..owner });
+        self.elements.push(Element { kind, law, active: false, field: None, added: true, ..owner });
         self.bonds.push(bond);
-        let (unit, pseudo) = (self.units[neighbour.at()], self.pseudo[neighbour.at()]);
-        self.units.push(unit);
-        self.pseudo.push(pseudo);
+        self.like(BondId(neighbour as u32));
+    }
+
+    /// Has the last bond the units of another one.
+    fn like(&mut self, bond: BondId) {
+        self.units.push(self.units[bond.at()]);
+        self.pseudo.push(self.pseudo[bond.at()]);
     }
 
     /// Elements with their ids.

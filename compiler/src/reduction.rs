@@ -33,7 +33,7 @@ pub fn parts(model: &Model) -> Vec<Part> {
     let power = |id: ElementId| bonds[id.at()].iter().all(|b| !model.pseudo[b.at()]);
     let mut list = Vec::new();
     for (id, e) in model.ids() {
-        if e.is_massless() {
+        if e.added {
             continue;
         }
         let (name, kind, members) = match (e.field, e.kind) {
@@ -313,7 +313,7 @@ pub(crate) fn of_law(law: &Law) -> Vec<Expr> {
             list.extend(linear);
             list
         }
-        Law::Junction | Law::Port(_) => Vec::new(),
+        Law::Junction | Law::Port(_) | Law::Multiplier => Vec::new(),
     }
 }
 

@@ -24,7 +24,7 @@ fn no_file_is_unknown() {
         }
         assert!(
             folder.is_dir()
-                && ["components", "examples", "elements", "classics", "hard", "invalid", "library"]
+                && ["components", "examples", "elements", "classics", "hard", "invalid", "library", "mechanisms"]
                     .contains(&name.as_str()),
             "models/{name} is run by no test"
         );
@@ -37,7 +37,7 @@ fn no_file_is_unknown() {
 
 #[test]
 fn every_model_has_docs() {
-    for folder in ["components", "examples", "elements", "classics", "hard", "invalid", "library"] {
+    for folder in ["components", "examples", "elements", "classics", "hard", "invalid", "library", "mechanisms"] {
         for (path, text) in texts(folder) {
             assert!(text.starts_with("//! "), "{} does not say what it is", path.display());
         }
@@ -46,7 +46,7 @@ fn every_model_has_docs() {
 
 #[test]
 fn every_scene_expects_something() {
-    for folder in crate::common::RUN.into_iter().chain(["hard"]) {
+    for folder in crate::common::RUN.into_iter().chain(["hard", "mechanisms"]) {
         for (path, _) in texts(folder) {
             let compiled = file(&path, Options::new());
             assert!(!compiled.scene().probes.expectations.is_empty(), "{} expects nothing", path.display());
@@ -68,7 +68,7 @@ fn every_element_kind_has_its_model() {
 #[test]
 fn every_expectation_holds() {
     let mut broken = Vec::new();
-    for (title, path, scene) in all_scenes().into_iter().chain(scenes_of("hard")) {
+    for (title, path, scene) in all_scenes().into_iter().chain(["hard", "mechanisms"].into_iter().flat_map(scenes_of)) {
         let compiled = file(&path, Options::new().model(&scene));
         for why in check(&compiled) {
             broken.push(format!("{title}: {why}"));

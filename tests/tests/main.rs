@@ -31,6 +31,7 @@ mod layers;
 mod ledger;
 mod library;
 mod linearize;
+mod mechanisms;
 mod multiports;
 mod mutations;
 mod orders;

@@ -5,20 +5,24 @@ use super::Causality;
 use super::junction::{Coefficients, Given, rows, somewhere};
 use super::laws::Laws;
 use crate::expression::{Expr, Node, Symbol};
-use crate::graph::BondGraph;
+use crate::graph::{BondGraph, RegionId};
 use crate::model::{BondId, ElementId, Law, Model, Signal};
 use petgraph::unionfind::UnionFind;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A part of the largest term of a sum that is rounding.
 const ROUNDING: f64 = 1e-12;
 
-/// A coefficient at one place, and whether it is multiplied and divided by what changes with states.
-#[derive(Clone, Copy)]
+/// A coefficient at one place, and what of it changes with states.
+#[derive(Clone, Copy, Default)]
 struct Value {
     value: f64,
+    /// Whether it is multiplied and divided by what changes.
     multiplied: bool,
     divided: bool,
+    /// Whether it is a sum of what changes, and whether it is divided by such a sum.
+    sum: bool,
+    divided_by_sum: bool,
 }
 
 struct Values<'m>(&'m Model);
@@ -27,7 +31,7 @@ impl Coefficients for Values<'_> {
     type Of = Value;
 
     fn int(&mut self, n: i64) -> Value {
-        Value { value: n as f64, multiplied: false, divided: false }
+        Value { value: n as f64, ..Value::default() }
     }
 
     fn ratio(&mut self, ratio: Expr) -> Value {
@@ -40,7 +44,8 @@ impl Coefficients for Values<'_> {
             Node::Product(_, factors) => factors.iter().filter(|t| changes(t.0)).map(|t| t.1.to_f64()).collect(),
             _ => changes(ratio).then_some(1.0).into_iter().collect(),
         };
-        Value { value, multiplied: powers.iter().any(|n| *n > 0.0), divided: powers.iter().any(|n| *n < 0.0) }
+        let (multiplied, divided) = (powers.iter().any(|n| *n > 0.0), powers.iter().any(|n| *n < 0.0));
+        Value { value, multiplied, divided, ..Value::default() }
     }
 
     fn neg(&mut self, x: Value) -> Value {
@@ -50,22 +55,37 @@ impl Coefficients for Values<'_> {
     fn sum(&mut self, terms: &[Value]) -> Value {
         let sum: f64 = terms.iter().map(|x| x.value).sum();
         let largest = terms.iter().fold(0.0f64, |m, x| m.max(x.value.abs()));
-        let is_zero = sum.abs() <= ROUNDING * largest;
+        if sum.abs() <= ROUNDING * largest {
+            return Value::default();
+        }
+        let changing = |x: &&Value| x.multiplied || x.divided;
         Value {
-            value: if is_zero { 0.0 } else { sum },
-            multiplied: !is_zero && terms.iter().any(|x| x.multiplied),
-            divided: !is_zero && terms.iter().any(|x| x.divided),
+            value: sum,
+            multiplied: terms.iter().any(|x| x.multiplied),
+            divided: terms.iter().any(|x| x.divided),
+            sum: terms.iter().any(|x| x.sum) || (terms.len() > 1 && terms.iter().any(|x| changing(&x))),
+            divided_by_sum: terms.iter().any(|x| x.divided_by_sum),
         }
     }
 
     fn mul(&mut self, x: Value, y: Value) -> Value {
-        let (multiplied, divided) = (x.multiplied || y.multiplied, x.divided || y.divided);
-        Value { value: x.value * y.value, multiplied, divided }
+        Value {
+            value: x.value * y.value,
+            multiplied: x.multiplied || y.multiplied,
+            divided: x.divided || y.divided,
+            sum: x.sum || y.sum,
+            divided_by_sum: x.divided_by_sum || y.divided_by_sum,
+        }
     }
 
     fn div(&mut self, x: Value, y: Value) -> Value {
-        let (multiplied, divided) = (x.multiplied || y.divided, x.divided || y.multiplied);
-        Value { value: x.value / y.value, multiplied, divided }
+        Value {
+            value: x.value / y.value,
+            multiplied: x.multiplied || y.divided,
+            divided: x.divided || y.multiplied,
+            sum: x.sum || y.divided_by_sum,
+            divided_by_sum: x.divided_by_sum || y.sum,
+        }
     }
 
     fn is_zero(&self, x: Value) -> bool {
@@ -105,7 +125,7 @@ fn given(model: &Model, graph: &BondGraph, causality: &Causality) -> Vec<Given<B
 }
 
 /// What strokes come to.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Default)]
 pub(super) struct Facts {
     /// Whether no variable is undetermined.
     pub(super) determined: bool,
@@ -113,17 +133,26 @@ pub(super) struct Facts {
     pub(super) mergeable: bool,
     /// Whether one of them follows several independent storages by ratios that are divided by, and change with states.
     pub(super) divided: bool,
+    /// Storages of which one follows another by a division by a sum of such ratios, as where bars make a loop.
+    pub(super) looped: Vec<ElementId>,
 }
 
 impl Facts {
     pub(super) fn of(model: &Model, graph: &BondGraph, laws: &Laws, causality: &Causality) -> Self {
         let given = given(model, graph, causality);
-        let Ok(rows) = rows(&mut Values(model), model, graph, causality, &given) else { return Self::default() };
+        let Ok(rows) = rows(&mut Values(model), model, graph, causality, &given) else {
+            // Of a loop that is too large to be solved nothing is known: multipliers cut it.
+            let regions: FxHashSet<RegionId> = causality.dependent.iter().map(|d| graph.region_of[d.at()]).collect();
+            let storages = model
+                .ids()
+                .filter(|(id, e)| matches!(e.law, Law::Storage(_)) && regions.contains(&graph.region_of[id.at()]));
+            return Self { looped: storages.map(|(id, _)| id).collect(), ..Self::default() };
+        };
         let is_independent =
             |id: ElementId| matches!(model.element(id).law, Law::Storage(_)) && !causality.dependent.contains(&id);
         let mut mergeable = true;
         let mut sets = UnionFind::<usize>::new(model.elements.len());
-        let mut divides = Vec::new();
+        let (mut divides, mut divides_by_sums) = (Vec::new(), Vec::new());
         for &id in &causality.dependent {
             let bond = graph.bonds_of[id.at()].first();
             let Some((&bond, variable)) = bond.zip(model.element(id).kind.integral()) else { continue };
@@ -134,6 +163,7 @@ impl Facts {
                     By::Element(by) if is_independent(*by) => {
                         sets.union(id.at(), by.at());
                         divides.extend(k.divided.then_some(id));
+                        divides_by_sums.extend(k.divided_by_sum.then_some(id));
                     }
                     By::Element(by) => mergeable &= is_known_in_time(model, *by),
                     By::Bar(_) => mergeable = false,
@@ -148,7 +178,10 @@ impl Facts {
             *independent.entry(sets.find(id.at())).or_default() += 1;
         }
         let divided = divides.iter().any(|id| independent.get(&sets.find(id.at())).is_some_and(|n| *n > 1));
-        Self { determined: true, mergeable, divided }
+        let looped: FxHashSet<usize> = divides_by_sums.iter().map(|id| sets.find(id.at())).collect();
+        let storages = model.ids().filter(|(_, e)| matches!(e.law, Law::Storage(_)));
+        let looped = storages.map(|(id, _)| id).filter(|id| looped.contains(&sets.find(id.at()))).collect();
+        Self { determined: true, mergeable, divided, looped }
     }
 }
 

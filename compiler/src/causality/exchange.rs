@@ -23,7 +23,13 @@ pub(super) fn larger_keep_states(
         Law::Storage(s) if !s.massless && model.element(id).field.is_none() => {
             s.linear.and_then(|k| model.pool.constant(k)).map(|k| 1.0 / k)
         }
-        Law::Storage(_) | Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+        Law::Storage(_)
+        | Law::Source(_)
+        | Law::Resistor(_)
+        | Law::Ratio(_)
+        | Law::Junction
+        | Law::Port(_)
+        | Law::Multiplier => None,
     };
     let mut best = first;
     let mut given = given.to_vec();
@@ -85,7 +91,7 @@ fn alike(model: &Model, graph: &BondGraph, id: ElementId, gives: Variable) -> Fx
                 let other = if e.kind == Kind::GY { variable.other() } else { variable };
                 (other, if times { x * ratio } else { x / ratio })
             }
-            Law::Storage(_) | Law::Source(_) | Law::Resistor(_) | Law::Port(_) => {
+            Law::Storage(_) | Law::Source(_) | Law::Resistor(_) | Law::Port(_) | Law::Multiplier => {
                 if e.kind == model.element(id).kind && e.kind.integral() == Some(variable) {
                     found.insert(at, x);
                 }

@@ -9,7 +9,7 @@ use crate::model::{ElementId, Law, Model, Resistor};
 pub(super) fn law(model: &Model, id: ElementId) -> Option<&Resistor> {
     match &model.element(id).law {
         Law::Resistor(r) => Some(r),
-        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) | Law::Multiplier => None,
     }
 }
 

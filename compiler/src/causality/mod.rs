@@ -13,6 +13,7 @@ mod junction;
 mod laws;
 mod matching;
 mod modulation;
+mod multipliers;
 mod propagate;
 mod strokes;
 mod structural_rank;
@@ -112,14 +113,26 @@ fn one_ports(model: &Model, graph: &BondGraph, wanted: &dyn Fn(Kind) -> bool) ->
         .collect()
 }
 
-/// Assigns causality to every bond. Junctions that need speeds of their own get massless inertias before that, so that
-/// the graph is another one then.
+/// Assigns causality to every bond. Junctions that need speeds of their own get massless inertias before that, and bars
+/// that make a loop get multipliers, so that the graph is another one then.
 ///
 /// # Errors
 /// Conflicts, with the chain of bonds, and junctions that nothing determines.
 pub fn assign(model: &mut Model, graph: BondGraph) -> Result<(BondGraph, Causality), Vec<Diagnostic>> {
     let causality = strokes_and_rank(model, &graph)?;
-    let speeds = speeds(model, &graph, &causality);
+    if !modulation::moves(model) || causality.dependent.is_empty() {
+        return Ok((graph, causality));
+    }
+    let laws = Laws::of(model, &graph);
+    let facts = Facts::of(model, &graph, &laws, &causality);
+    if !facts.looped.is_empty() {
+        return tie(model, graph, &causality, &facts.looped);
+    }
+    let is_inertia = |d: &ElementId| model.element(*d).kind == Kind::I;
+    if facts.mergeable && !facts.divided || !causality.dependent.iter().any(is_inertia) {
+        return Ok((graph, causality));
+    }
+    let speeds = structural_rank::speeds(model, &graph, &causality);
     if speeds.is_empty() {
         return Ok((graph, causality));
     }
@@ -129,19 +142,23 @@ pub fn assign(model: &mut Model, graph: BondGraph) -> Result<(BondGraph, Causali
     Ok((graph, causality))
 }
 
-/// The junctions that get speeds of their own: where dependent inertias follow several others by ratios that are
-/// divided by, and may pass 0.
-fn speeds(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<ElementId> {
-    let is_inertia = |d: &ElementId| model.element(*d).kind == Kind::I;
-    if !modulation::moves(model) || !causality.dependent.iter().any(is_inertia) {
-        return Vec::new();
-    }
-    let laws = Laws::of(model, graph);
-    let facts = Facts::of(model, graph, &laws, causality);
-    if facts.mergeable && !facts.divided {
-        return Vec::new();
-    }
-    structural_rank::speeds(model, graph, causality)
+/// Has storages that depend on one another all keep their states: what they would follow one another by is held by
+/// multipliers.
+///
+/// # Errors
+/// As [`assign`].
+pub fn tie(
+    model: &mut Model,
+    graph: BondGraph,
+    causality: &Causality,
+    tied: &[ElementId],
+) -> Result<(BondGraph, Causality), Vec<Diagnostic>> {
+    let additions = multipliers::additions(model, &graph, causality, tied);
+    additions.speeds.iter().for_each(|junction| model.add_massless(*junction));
+    additions.multipliers.iter().for_each(|(bond, both)| model.add_multiplier(*bond, *both));
+    let graph = graph::build(model);
+    let causality = strokes_and_rank(model, &graph)?;
+    Ok((graph, causality))
 }
 
 /// Assigns causality. Where junctions stand in rings, strokes may make independent variables depend on one another, or

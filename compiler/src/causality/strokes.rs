@@ -117,7 +117,7 @@ fn integral_causality(a: &mut Assignment<'_>, laws: &Laws, storages: &[(ElementI
         Law::Storage(s) => {
             !s.massless && s.linear.is_none() && model.element(id).field.is_none_or(|_| !laws.quadratic[id.at()])
         }
-        Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
+        Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) | Law::Multiplier => false,
     };
     let mut order = storages.to_vec();
     order.sort_by_key(|s| if keeps(s.0) { None } else { Some(laws.parts.turn(model, s.0)) });

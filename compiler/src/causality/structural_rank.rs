@@ -109,7 +109,7 @@ fn ports(model: &mut Model, graph: &BondGraph) -> Vec<(usize, ElementId, BondId)
     let parts = Parts::of(model, graph);
     let mut pool = std::mem::take(&mut model.pool);
     let rank = |pool: &mut Pool, id: ElementId, asserted: bool| match &model.element(id).law {
-        Law::Source(_) | Law::Port(_) => Some(0),
+        Law::Source(_) | Law::Port(_) | Law::Multiplier => Some(0),
         Law::Ratio(_) | Law::Junction => None,
         _ if asserted => Some(0),
         Law::Resistor(r) if r.curve.is_some() || one_way(pool, r) => Some(1),

@@ -237,8 +237,9 @@ const RULES: [Rule; 20] = [
         because: "it is not linear, and large",
         when: |f| {
             let limit = if f.is_kinked() { f.by.corners } else { f.by.large };
-            let fits =
-                f.unknowns() <= LIMITS.unknowns_tight && f.c.exponential_arguments().is_empty() && !f.is_non_smooth();
+            // Constraints name neighbours alone: a step takes time in proportion to them.
+            let few = f.unknowns() <= LIMITS.unknowns_tight || f.c.has_constraints();
+            let fits = few && f.c.exponential_arguments().is_empty() && !f.is_non_smooth();
             !(f.is_small() || f.is_within(limit) && fits)
         },
     },

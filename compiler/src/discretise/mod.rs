@@ -81,11 +81,11 @@ pub fn discretise(
             shows[i].push(s);
         }
     }
-    let asked = Asked { method, tolerance, accuracy };
-    let place = |s: Symbol| places.get(&s).copied();
-    let made = Made { pace: model.settings.pace, tolerance, fitted: accuracy.is_fitted() };
     let sizes = sizes(&clusters, model, form);
     let energy = sizes.energy;
+    let asked = Asked { method, tolerance, accuracy, energy };
+    let place = |s: Symbol| places.get(&s).copied();
+    let made = Made { pace: model.settings.pace, tolerance, fitted: accuracy.is_fitted() };
     let mut scene =
         Scene { name: model.name.clone(), excluded: excluded(model, form), made, energy, ..Scene::default() };
     for (i, (c, sizes)) in clusters.iter_mut().zip(sizes.states).enumerate() {

@@ -237,12 +237,13 @@ impl<'a> Elaborator<'a> {
                 let out = bonds.iter().copied().find(|b| self.bonds[b.at()].tail == id)?;
                 Law::Ratio(self.ratio(id, (ast, scope), kind, into, out)?)
             }
-            (Kind::OnePort(_) | Kind::TwoPort(_) | Kind::Junction(_), None) => return None,
+            (Kind::OnePort(OnePort::Multiplier(_)), Some(_))
+            | (Kind::OnePort(_) | Kind::TwoPort(_) | Kind::Junction(_), None) => return None,
         };
         let decl = &self.elements[id.at()];
         let active = ast.is_some_and(|a| a.active);
         let (name, sampling) = (decl.name.clone(), decl.sampling);
-        Some(Element { name, kind, law, sampling, active, span: self.place(scope, span), field })
+        Some(Element { name, kind, law, sampling, active, added: false, span: self.place(scope, span), field })
     }
 
     fn no_value(&mut self, ast: &ast::Element, what: &str) {
@@ -283,7 +284,7 @@ impl<'a> Elaborator<'a> {
                 self.energies[id.at()] = Some(s.energy);
                 Some(s.energy)
             }
-            Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+            Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) | Law::Multiplier => None,
         }
     }
 

@@ -1,10 +1,13 @@
 //! `causality` as text: every bond with its stroke, and why it stands there.
 
-use super::{Shown, name, table};
+use super::{Shown, name, node, table};
 use crate::causality::Cause;
 use crate::model::{BondId, Variable};
 use bond_grammar::ast::Stroke;
 use std::fmt::Write;
+
+/// Why a bond has a stroke that a multiplier gives it.
+const MULTIPLIER: &str = "a multiplier, since both ends give the other variable";
 
 /// Why a bond has its stroke, in words.
 pub(super) fn reason(shown: &Shown<'_>, bond: BondId) -> String {
@@ -14,6 +17,7 @@ pub(super) fn reason(shown: &Shown<'_>, bond: BondId) -> String {
         Cause::Source(id) => {
             let e = model.element(id);
             let what = match e.kind.forced() {
+                _ if e.is_multiplier() => return MULTIPLIER.into(),
                 Some(Variable::Effort) => "gives effort",
                 Some(Variable::Flow) => "gives flow",
                 None => "can do no other",
@@ -31,6 +35,7 @@ pub(super) fn reason(shown: &Shown<'_>, bond: BondId) -> String {
             format!("{how} causality of {}", name::element(e))
         }
         Cause::Free => "free to choose".into(),
+        Cause::Rule(id, from) if model.element(id).added || node::hidden(model, model.bond(from)) => MULTIPLIER.into(),
         Cause::Rule(id, from) => {
             let other = name::bond(model, from, shown.causality.strokes.get(from.at()).copied());
             format!("the rule of {}, from {other}", name::element(model.element(id)))
@@ -41,13 +46,11 @@ pub(super) fn reason(shown: &Shown<'_>, bond: BondId) -> String {
 /// The strokes with their reasons, dependent storages, laws that are run backwards.
 pub(super) fn text(shown: &Shown<'_>) -> String {
     let model = &*shown.model;
-    let rows: Vec<Vec<String>> = model
-        .bonds
-        .iter()
-        .enumerate()
+    let shown_bonds = || model.bonds.iter().enumerate().filter(|(_, b)| !node::hidden(model, b));
+    let rows: Vec<Vec<String>> = shown_bonds()
         .map(|(i, b)| {
             let stroke = shown.causality.strokes.get(i).copied();
-            let ends = (model.element(b.tail).name.clone(), model.element(b.head).name.clone());
+            let ends = (model.element(b.tail).name.clone(), name::head(model, b).name.clone());
             let giver = match stroke {
                 Some(Stroke::Head) => &ends.0,
                 Some(Stroke::Tail) | None => &ends.1,
@@ -56,8 +59,11 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
             vec![ends.0.clone(), name::arrow(model, b, stroke), ends.1.clone(), gives, reason(shown, BondId(i as u32))]
         })
         .collect();
-    let mut text =
-        format!("{}: {} bonds; the stroke is at the end that receives the effort\n\n", model.name, model.bonds.len());
+    let mut text = format!(
+        "{}: {} bonds; the stroke is at the end that receives the effort\n\n",
+        model.name,
+        shown_bonds().count()
+    );
     text.push_str(&table::lines(2, &rows));
     let list = |ids: &[crate::model::ElementId]| {
         ids.iter().map(|id| name::element(model.element(*id))).collect::<Vec<_>>().join(", ")
@@ -67,6 +73,10 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
         0 => writeln!(text, "\nall storages are in integral causality"),
         _ => writeln!(text, "\nin derivative causality (dependent): {}", list(dependent)),
     };
+    let tied: Vec<&str> = model.ids().filter(|(_, e)| e.is_multiplier()).map(|(_, e)| e.name.as_str()).collect();
+    if !tied.is_empty() {
+        let _ = writeln!(text, "multipliers, where all ends would give the same variable: {}", tied.join(", "));
+    }
     if !shown.causality.implicit.is_empty() {
         let _ = writeln!(text, "laws run backwards (implicit): {}", list(&shown.causality.implicit));
     }

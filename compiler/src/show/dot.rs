@@ -71,7 +71,7 @@ fn label(shown: &Shown<'_>, id: ElementId) -> String {
     let e = shown.model.element(id);
     let more = match e.kind {
         Kind::Junction(_) => ", fontname=\"Helvetica-Bold\"",
-        Kind::OnePort(OnePort::Source(_) | OnePort::Open) => ", fontcolor=\"#9a3412\"",
+        Kind::OnePort(OnePort::Source(_) | OnePort::Open | OnePort::Multiplier(_)) => ", fontcolor=\"#9a3412\"",
         Kind::OnePort(OnePort::Storage(_)) => ", fontcolor=\"#1d4ed8\"",
         Kind::OnePort(OnePort::Resistor) => ", fontcolor=\"#15803d\"",
         Kind::TwoPort(_) => ", fontcolor=\"#6b21a8\"",

@@ -72,7 +72,13 @@ pub(super) fn semidefinite(
     }
     let linear = region.resistors.iter().filter_map(|(c, _)| match &model.element(form.column(*c).element).law {
         Law::Resistor(r) if r.linear.is_some() || r.row.is_some() => Some(r.dissipative),
-        Law::Resistor(_) | Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+        Law::Resistor(_)
+        | Law::Source(_)
+        | Law::Storage(_)
+        | Law::Ratio(_)
+        | Law::Junction
+        | Law::Port(_)
+        | Law::Multiplier => None,
     });
     if linear.into_iter().all(|d| d == Some(true)) {
         (Verdict::Proved, "every linear resistor takes power, and D is skew")
@@ -165,8 +171,12 @@ pub(super) fn lines(
     for (id, _) in region.resistors.iter().filter(|(c, _)| form.column(*c).role == Role::Constraint) {
         let zero = form.input(&mut model.pool, *id);
         let e = model.element(form.column(*id).element);
-        let what = if e.is_massless() { "has no inertia" } else { "is tied by a constraint" };
-        lines.push(format!("{} {what}: 0 = {}", name::element(e), name::expression(&model.pool, zero)));
+        let zero = name::expression(&model.pool, zero);
+        lines.push(if e.is_massless() {
+            format!("{} has no inertia: 0 = {zero}", e.name)
+        } else {
+            format!("a multiplier at {} has 0 = {zero}", e.name)
+        });
     }
     for (members, solved) in &equations.loops {
         if members.iter().all(|c| form.column(*c).role == Role::Constraint) {

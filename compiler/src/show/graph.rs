@@ -7,7 +7,7 @@ use std::fmt::Write;
 /// Elements, bonds and parameters.
 pub(super) fn text(shown: &Shown<'_>) -> String {
     let model = &*shown.model;
-    let elements = || model.ids().filter(|(_, e)| !e.is_massless());
+    let elements = || model.ids().filter(|(_, e)| !e.added);
     let drawn = model.bonds.iter().filter(|b| !node::hidden(model, b)).count();
     let mut text = format!("{}: {} elements, {drawn} bonds\n", model.name, elements().count());
     let rows: Vec<Vec<String>> = elements()
@@ -60,7 +60,7 @@ fn bonds(shown: &Shown<'_>) -> String {
         .iter()
         .filter(|b| !node::hidden(model, b))
         .map(|b| {
-            let ends = (name::element(model.element(b.tail)), name::element(model.element(b.head)));
+            let ends = (name::element(model.element(b.tail)), name::element(name::head(model, b)));
             let note = if b.stroke.is_some() { "asserted" } else { "" };
             vec![ends.0, name::arrow(model, b, b.stroke), ends.1, note.to_string()]
         })

@@ -73,7 +73,7 @@ fn graph(shown: &Shown<'_>) -> Value {
     let model = &*shown.model;
     let elements: Vec<Value> = model
         .ids()
-        .filter(|(_, e)| !e.is_massless())
+        .filter(|(_, e)| !e.added)
         .map(|(id, e)| {
             let region = &shown.graph.regions[shown.graph.region_of[id.at()].at()];
             let mut o = object! { "name": e.name, "kind": name::kind(e.kind), "law": name::law(shown, id), "region": region.name };
@@ -97,7 +97,7 @@ fn graph(shown: &Shown<'_>) -> Value {
         .map(|(i, b)| {
             let unit = |v| name::bond_unit(model, BondId(i as u32), v).map(|u| u.to_string());
             let units = [unit(crate::model::Variable::Effort), unit(crate::model::Variable::Flow)];
-            json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": model.element(b.head).name,
+            json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": name::head(model, b).name,
             "sampled": b.sampled, "asserted": b.stroke.map(stroke), "effort": units[0], "flow": units[1] })
         })
         .collect();
@@ -120,7 +120,7 @@ fn strokes(shown: &Shown<'_>) -> Value {
     let model = &*shown.model;
     let bonds: Vec<Value> = model.bonds.iter().enumerate().map(|(i, b)| {
         let s = shown.causality.strokes.get(i).copied().map(stroke);
-        json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": model.element(b.head).name, "stroke": s,
+        json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": name::head(model, b).name, "stroke": s,
             "cause": causality::reason(shown, BondId(i as u32)) })
     }).collect();
     let list =

@@ -23,6 +23,7 @@ pub(super) fn kind(kind: Kind) -> &'static str {
             OnePort::Storage(Variable::Flow) => "I",
             OnePort::Resistor => "R",
             OnePort::Open => "port",
+            OnePort::Multiplier(_) => "multiplier",
         },
         Kind::TwoPort(TwoPort::Transformer) => "TF",
         Kind::TwoPort(TwoPort::Gyrator) => "GY",
@@ -64,10 +65,18 @@ pub(super) fn own_name<'m>(model: &Model, bond: &'m Bond) -> Option<&'m str> {
     (bond.name != made && !bond.name.contains('>')).then_some(&bond.name)
 }
 
+/// Where a bond ends as the model has it.
+pub(super) fn head<'m>(model: &'m Model, b: &Bond) -> &'m Element {
+    let end = model.element(b.head);
+    let goes_on = |o: &&Bond| o.tail == b.head && !model.element(o.head).added;
+    let next = model.bonds.iter().rfind(goes_on).filter(|_| end.added);
+    next.map_or(end, |o| model.element(o.head))
+}
+
 /// `hand -> v`
 pub(super) fn bond(model: &Model, id: BondId, stroke: Option<Stroke>) -> String {
     let b = model.bond(id);
-    format!("{} {} {}", model.element(b.tail).name, arrow(model, b, stroke), model.element(b.head).name)
+    format!("{} {} {}", model.element(b.tail).name, arrow(model, b, stroke), head(model, b).name)
 }
 
 /// The flow or effort unit of a bond.
@@ -230,7 +239,7 @@ pub(super) fn law(shown: &Shown<'_>, id: ElementId) -> String {
         }
         Law::Ratio(v) if e.kind == Kind::TF => format!("e_in = ({0})*e_out, f_out = ({0})*f_in", text(*v)),
         Law::Ratio(v) => format!("e_in = ({0})*f_out, e_out = ({0})*f_in", text(*v)),
-        Law::Junction => String::new(),
+        Law::Junction | Law::Multiplier => String::new(),
         Law::Port(None) => "open".into(),
         Law::Port(Some(x)) => format!("open, inertia at least {}", number(*x)),
     }

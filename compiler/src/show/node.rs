@@ -1,5 +1,4 @@
-//! The nodes of a picture: a field is one, whatever its ports; an inertia of 0 that the compiler put on a junction is
-//! none.
+//! The nodes of a picture: a field is one, whatever its ports; what the compiler added is none.
 
 use super::name;
 use crate::model::{Bond, Element, ElementId, Model};
@@ -16,7 +15,7 @@ pub(super) struct Nodes {
 pub(super) fn nodes(model: &Model) -> Nodes {
     let mut nodes = Nodes { of: vec![0; model.elements.len()], first: Vec::new() };
     let mut of_field: Vec<Option<usize>> = vec![None; model.fields.len()];
-    for (id, e) in model.ids().filter(|(_, e)| !e.is_massless()) {
+    for (id, e) in model.ids().filter(|(_, e)| !e.added) {
         let known = e.field.and_then(|f| of_field[f.0]);
         nodes.of[id.at()] = known.unwrap_or(nodes.first.len());
         if known.is_none() {
@@ -26,15 +25,19 @@ pub(super) fn nodes(model: &Model) -> Nodes {
             nodes.first.push(id);
         }
     }
-    for b in model.bonds.iter().filter(|b| hidden(model, b)) {
-        nodes.of[b.head.at()] = nodes.of[b.tail.at()];
-    }
+    // A junction that was put into a bond counts as where the bond goes on to.
+    let (within, leaves): (Vec<&Bond>, Vec<&Bond>) =
+        model.bonds.iter().filter(|b| hidden(model, b)).partition(|b| !model.element(b.head).added);
+    within.iter().for_each(|b| nodes.of[b.tail.at()] = nodes.of[b.head.at()]);
+    leaves.iter().for_each(|b| nodes.of[b.head.at()] = nodes.of[b.tail.at()]);
     nodes
 }
 
-/// Whether a bond leads to what is not drawn.
+/// Whether a bond is not drawn: it leads to or from what the compiler added, and is not the first part of a bond that
+/// this was put into.
 pub(super) fn hidden(model: &Model, b: &Bond) -> bool {
-    model.element(b.head).is_massless()
+    let head = model.element(b.head);
+    model.element(b.tail).added || head.added && !head.kind.is_junction()
 }
 
 /// The kind and name of a node.

@@ -24,7 +24,8 @@ fn compiled(text: &str) -> Compiled {
         .unwrap_or_else(|e| panic!("{e}"));
     let graph = graph::build(&model);
     let (graph, causality) = causality::assign(&mut model, graph).map_err(tell).unwrap_or_else(|e| panic!("{e}"));
-    let form = structure::build(&mut model, &graph, &causality).map_err(tell).unwrap_or_else(|e| panic!("{e}"));
+    let (graph, causality, form) =
+        structure::build(&mut model, graph, causality).map_err(tell).unwrap_or_else(|e| panic!("{e}"));
     (model, graph, causality, form)
 }
 

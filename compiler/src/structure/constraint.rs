@@ -1,207 +1,231 @@
-//! Constraints: storages tied to others, or to sources, that are not merged into one.
+//! Constraints: storages that depend on one another, or on sources, and are not merged.
 //!
-//! Each storage keeps its own state and energy. What ties a storage d to the others is a column of its own, whose
-//! output is the multiplier lambda = dx_d/dt and whose input is how far the others are from it,
+//! Each keeps its own state and energy. A multiplier, put where causality would have them depend on one another, is a
+//! column of its own: its output lambda is an effort or a flow at a junction, its input c what that junction sums, and
 //!
 //! ```text
-//! c = A z + B u - z_d = 0,     dx/dt = F - A^T lambda,     dx_d/dt = lambda
+//! c = sum of k z + b u = 0,     dx/dt = F - k lambda
 //! ```
 //!
-//! with z the co-energy variables of the storages that it follows and u what sources give. D stays skew, so the
-//! multiplier does no work: lambda c = 0. Any energies and any ratios can stand there, since nothing is inverted.
+//! with z the co-energy variables of storages near by, and u what sources give. D is skew, so a multiplier does no
+//! work: lambda c = 0. Any energies and any ratios can stand there, since nothing is inverted.
 
-use super::change::{self, Change};
-use super::dependence::Dependence;
 use super::eliminated::Eliminated;
-use super::start::at_start;
+use super::start::{self, at_start};
 use super::storage::storage;
-use super::{Column, ColumnId, Form, Role, Row, curved, quadratic, start};
-use crate::expression::{Expr, Pool, Symbol};
-use crate::model::Model;
+use super::{ColumnId, Form, OPTIONS, Role};
+use crate::model::{Law, Model};
 use bond_grammar::diagnostic::Diagnostic;
-use rustc_hash::{FxHashMap, FxHashSet};
+use nalgebra::{DMatrix, DVector};
+use rustc_hash::FxHashMap;
+use std::collections::BTreeSet;
 
-/// Ties the storages of a set by constraints; they start where what is stated of them agrees.
+/// A constraint at the start, in what is not stated.
+struct Equation {
+    multiplier: ColumnId,
+    /// The unknowns, with their coefficients.
+    row: Vec<(ColumnId, f64)>,
+    /// What these must come to.
+    value: f64,
+    /// The sum of what that is made of, in size.
+    size: f64,
+}
+
+/// Finds where tied storages start: what is stated of them holds, and of what then fulfils the constraints, that with
+/// the least energy. So does what is set in motion from rest (Kelvin's theorem).
 ///
 /// # Errors
-/// Starts that do not agree, with the elements.
-pub(super) fn constrain(
-    model: &mut Model,
-    form: &mut Form,
-    set: &Dependence,
-    done: &mut Eliminated,
-) -> Result<(), Diagnostic> {
-    settle(model, form, set, done)?;
-    // A speed without inertia is what its neighbours let it be: no effort is left at it.
-    for c in &set.independent {
-        if model.element(form.column(*c).element).is_massless() {
-            form.columns[c.at()].role = Role::Constraint;
+/// A constraint that cannot hold, and stated starts that do not agree, with the elements.
+pub(super) fn settle(model: &mut Model, form: &Form, done: &mut Eliminated) -> Result<(), Vec<Diagnostic>> {
+    let multipliers: Vec<ColumnId> = (0..form.columns.len() as u32)
+        .map(ColumnId)
+        .filter(|c| matches!(model.element(form.column(*c).element).law, Law::Multiplier))
+        .collect();
+    let errors: Vec<Diagnostic> = multipliers.iter().filter_map(|c| check(model, form, *c)).collect();
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let mut equations = Vec::new();
+    for &multiplier in &multipliers {
+        let mut e = Equation { multiplier, row: Vec::new(), value: 0.0, size: 0.0 };
+        for &(c, k) in &form.column(multiplier).row {
+            let k = at_start(model, form, k);
+            if k != 0.0 && is_unknown(model, form, c) {
+                e.row.push((c, k));
+            } else if k != 0.0 {
+                let part = k * start::given(model, form, c);
+                (e.value, e.size) = (e.value - part, e.size + part.abs());
+            }
+        }
+        // What a signal of the run decides is found by the first step.
+        if e.value.is_finite() && e.row.iter().all(|(_, k)| k.is_finite()) {
+            equations.push(e);
         }
     }
-    let one = model.pool.int(1);
-    let minus = model.pool.neg(one);
-    let through = through(model, form, &set.dependent);
-    for d in &set.dependent {
-        let tie = form.column(*d).clone();
-        let name = format!("{}.{}", tie.name, tie.gives.other().letter());
-        let (own, out) = (ColumnId(form.columns.len() as u32), model.pool.symbol(&name));
-        let role = Role::Storage;
-        form.column_of.insert(out, own);
-        form.column_of_element[tie.element.at()] = Some(own);
-        form.columns.push(Column { role, gives: tie.gives.other(), out, row: vec![(*d, one)], ..tie });
-        let tie = &mut form.columns[d.at()];
-        tie.role = Role::Constraint;
-        tie.row.push((own, minus));
-        if let Some(start) = done.starts.remove(d) {
-            let symbol = storage(model, form.column(own).element).map(|s| s.state);
-            done.states.extend(symbol.map(|s| (own, (s, start, true))));
+    let found = solve(model, form, &equations);
+    for e in &equations {
+        let parts: Vec<f64> = e.row.iter().map(|(c, k)| k * found.get(c).copied().unwrap_or(0.0)).collect();
+        let size = parts.iter().fold(e.size, |sum, x| sum + x.abs());
+        let off = parts.iter().sum::<f64>() - e.value;
+        if off.abs() > OPTIONS.rounding * size {
+            return Err(vec![clash(model, form, e.multiplier, off)]);
         }
     }
-    follow(model, form, &through, done);
-    set.dependent.iter().for_each(|d| clear(model, form, *d, done));
+    let mut unknowns: Vec<(ColumnId, f64)> = found.into_iter().collect();
+    unknowns.sort_unstable_by_key(|t| t.0);
+    for (c, z) in unknowns {
+        let Some(s) = storage(model, form.column(c).element).filter(|s| !s.massless).cloned() else { continue };
+        let others: Vec<ColumnId> = form.column(c).row.iter().map(|t| t.0).collect();
+        let start = start::settled(model, form, &others, (c, &s), Some(z)).map_err(|d| vec![d])?;
+        done.states.insert(c, (s.state, start, true));
+    }
     Ok(())
 }
 
-/// Has a constraint without what its ratios are divided by, which may pass 0: at the dead centre of a crank the slider
-/// does not say how fast the crank turns, but the crank says that the slider stands still.
-fn clear(model: &mut Model, form: &mut Form, d: ColumnId, done: &mut Eliminated) {
-    let all = form.column(d).row.iter().flat_map(|t| model.pool.symbols(t.1));
-    let moving: FxHashSet<Symbol> = all.filter(|s| model.pool.value(*s).is_none()).collect();
-    let moves = |s: Symbol| moving.contains(&s);
-    let pool = &mut model.pool;
-    let mut row = form.column(d).row.clone();
-    row.iter_mut().for_each(|(_, k)| *k = quadratic::expanded(pool, *k, &moves));
-    let entries: Vec<Expr> = row.iter().map(|t| t.1).collect();
-    let divisors = quadratic::divisors(pool, &entries, &moves);
-    if divisors.is_empty() {
-        return;
+/// Whether a column is a storage, or a speed without inertia, whose start is not stated.
+fn is_unknown(model: &Model, form: &Form, c: ColumnId) -> bool {
+    let column = form.column(c);
+    match column.role {
+        Role::Storage => storage(model, column.element).is_some_and(|s| !s.explicit),
+        Role::Constraint => true,
+        Role::Source(_) | Role::Bar | Role::Open(_) | Role::Resistor | Role::Dependent => false,
     }
-    let powers: Vec<Expr> = divisors.iter().map(|(base, n)| pool.powi(*base, *n)).collect();
-    let factor = pool.product(&powers);
-    row.iter_mut().for_each(|(_, k)| *k = quadratic::spread(pool, *k, factor));
-    for (c, k) in &row {
-        let minus = pool.neg(*k);
-        if let Some(entry) = form.columns[c.at()].row.iter_mut().find(|t| t.0 == d) {
-            entry.1 = minus;
-        }
-    }
-    let old = form.column(d).out;
-    let new = pool.symbol(&format!("{}'", pool.name(old)));
-    let column = &mut form.columns[d.at()];
-    (column.row, column.out) = (row, new);
-    form.column_of.insert(new, d);
-    let new = pool.var(new);
-    let whole = pool.mul(factor, new);
-    let map = FxHashMap::from_iter([(old, whole)]);
-    done.fixed.values_mut().for_each(|e| *e = pool.substitute(*e, &map));
-    done.fixed.insert(old, whole);
 }
 
-/// Columns whose rows are told by that of a storage which a constraint ties: the column, the storage, and the factor.
-type Through = Vec<(ColumnId, ColumnId, Expr)>;
-
-/// Finds for each column the storage that leaves the least of its row: the last body of a chain goes with the one
-/// before it and with the joint between, and what counts the angle of a wheel with the wheel, rather than with the
-/// slider by a ratio that passes 0. Among storages that are tied, those with shorter rows.
-fn through(model: &mut Model, form: &Form, dependent: &[ColumnId]) -> Through {
-    let mut order: Vec<ColumnId> = dependent.to_vec();
-    order.sort_by_key(|d| (form.column(*d).row.len(), *d));
-    let all = (0..form.columns.len() as u32).map(ColumnId).filter(|c| !order.contains(c));
-    let others: Vec<(ColumnId, usize)> = all.map(|c| (c, order.len())).collect();
-    let mut found = Vec::new();
-    for (c, count) in order.iter().copied().enumerate().map(|(i, d)| (d, i)).chain(others) {
-        let own = &form.column(c).row;
-        let least = if is_divided(&mut model.pool, own) { 0 } else { 1 };
-        let best = order[..count].iter().filter_map(|e| {
-            let (factor, same) = likeness(&mut model.pool, own, &form.column(*e).row)?;
-            // What the two have in common, less what the other has besides.
-            let more = form.column(*e).row.len() - same;
-            (same > more + least).then_some((same - more, *e, factor))
-        });
-        if let Some((_, e, factor)) = best.max_by_key(|(gain, e, _)| (*gain, *e)) {
-            found.push((c, e, factor));
+/// Solves the equations: what stands alone in one is told by it; of the rest, the least energy.
+fn solve(model: &mut Model, form: &Form, equations: &[Equation]) -> FxHashMap<ColumnId, f64> {
+    let mut found: FxHashMap<ColumnId, f64> = FxHashMap::default();
+    let mut of: FxHashMap<ColumnId, Vec<usize>> = FxHashMap::default();
+    for (i, e) in equations.iter().enumerate() {
+        e.row.iter().for_each(|(c, _)| of.entry(*c).or_default().push(i));
+    }
+    // The unknowns of an equation that are left, without those whose coefficients are rounding, and its value.
+    let left = |e: &Equation, found: &FxHashMap<ColumnId, f64>| {
+        let most = e.row.iter().fold(0.0f64, |most, (_, k)| most.max(k.abs()));
+        let (known, unknown): (Vec<_>, Vec<_>) = e.row.iter().partition(|(c, _)| found.contains_key(c));
+        let value = known.iter().fold(e.value, |value, (c, k)| value - k * found[c]);
+        let unknown: Vec<(ColumnId, f64)> =
+            unknown.into_iter().filter(|(_, k)| k.abs() > OPTIONS.rounding * most).collect();
+        (unknown, value)
+    };
+    let mut due: BTreeSet<usize> = (0..equations.len()).collect();
+    while let Some(i) = due.pop_first() {
+        let (unknown, value) = left(&equations[i], &found);
+        if let [(c, k)] = unknown[..] {
+            found.insert(c, value / k);
+            due.extend(&of[&c]);
         }
+    }
+    let rest: Vec<(Vec<(ColumnId, f64)>, f64)> =
+        equations.iter().map(|e| left(e, &found)).filter(|(row, _)| !row.is_empty()).collect();
+    let all: BTreeSet<ColumnId> = rest.iter().flat_map(|(row, _)| row.iter().map(|t| t.0)).collect();
+    let place: FxHashMap<ColumnId, usize> = all.iter().enumerate().map(|(i, c)| (*c, i)).collect();
+    if rest.iter().all(|(_, value)| *value == 0.0) {
+        found.extend(all.into_iter().map(|c| (c, 0.0)));
+        return found;
+    }
+    // In the units in which the energy is half the sum of squares.
+    let inertia: Vec<Option<f64>> = all.iter().map(|c| inertia(model, form, *c)).collect();
+    let mut a = DMatrix::<f64>::zeros(rest.len(), all.len());
+    for (i, (row, _)) in rest.iter().enumerate() {
+        row.iter().for_each(|(c, k)| a[(i, place[c])] = *k);
+    }
+    let weigh = |a: &mut DMatrix<f64>, j: usize, m: f64| a.column_mut(j).scale_mut(1.0 / m.sqrt());
+    (0..inertia.len()).for_each(|j| _ = inertia[j].map(|m| weigh(&mut a, j, m)));
+    let own = |i: usize, a: &DMatrix<f64>| {
+        let heavy = (0..inertia.len()).filter(|j| inertia[*j].is_some());
+        heavy.map(|j| a[(i, j)].powi(2)).sum::<f64>()
+    };
+    let compliance: Vec<f64> = (0..rest.len()).map(|i| own(i, &a)).collect();
+    // What has no inertia has next to none of that which the constraints give it, so that it takes no part.
+    let mut unit: Vec<f64> = inertia.iter().map(|m| m.unwrap_or(0.0).sqrt()).collect();
+    for j in (0..inertia.len()).filter(|j| inertia[*j].is_none()) {
+        let seen: f64 =
+            (0..rest.len()).filter(|i| compliance[*i] > 0.0).map(|i| a[(i, j)].powi(2) / compliance[i]).sum();
+        let m = if seen > 0.0 { OPTIONS.rounding * seen } else { 1.0 };
+        weigh(&mut a, j, m);
+        unit[j] = m.sqrt();
+    }
+    let values = DVector::from_iterator(rest.len(), rest.iter().map(|(_, value)| *value));
+    if let Some(y) = least(&a, &values) {
+        found.extend(all.into_iter().zip(&unit).zip(y.iter()).map(|((c, unit), y)| (c, y / unit)));
     }
     found
 }
 
-/// Whether a row has a divisor that moves.
-fn is_divided(pool: &mut Pool, row: &Row) -> bool {
-    let moving: FxHashSet<Symbol> =
-        row.iter().flat_map(|t| pool.symbols(t.1)).filter(|s| pool.value(*s).is_none()).collect();
-    let entries: Vec<Expr> = row.iter().map(|t| quadratic::expanded(pool, t.1, &|s| moving.contains(&s))).collect();
-    !quadratic::divisors(pool, &entries, &|s| moving.contains(&s)).is_empty()
-}
-
-/// The factor by which one row goes into another most, and how many entries they then have in common.
-fn likeness(pool: &mut Pool, row: &Row, other: &Row) -> Option<(Expr, usize)> {
-    let entry = |c: ColumnId| row.binary_search_by_key(&c, |t| t.0).ok().map(|i| row[i].1);
-    let shared: Vec<(Expr, Expr)> = other.iter().filter_map(|(c, k)| Some((entry(*c)?, *k))).collect();
-    let (mine, theirs) = *shared.first()?;
-    let factor = pool.div(mine, theirs);
-    pool.constant(factor)?;
-    let same = shared.iter().filter(|(mine, theirs)| pool.mul(factor, *theirs) == *mine).count();
-    Some((factor, same))
-}
-
-/// Has columns take the storages' own outputs for what these impose: a combination with the constraints, by which the
-/// multipliers combine too. Rows then have entries for neighbours alone.
-fn follow(model: &mut Model, form: &mut Form, through: &Through, done: &mut Eliminated) {
-    if through.is_empty() {
-        return;
-    }
-    let one = model.pool.int(1);
-    let mut change: Change = Vec::new();
-    for (c, e, factor) in through {
-        change.push((*c, vec![(*c, one), (*e, model.pool.neg(*factor))]));
-    }
-    // The multipliers of those that others follow are theirs and parts of the others' outputs.
-    let mut followed: Vec<ColumnId> = through.iter().map(|t| t.1).collect();
-    followed.sort_unstable();
-    followed.dedup();
-    let own = followed.iter().filter(|e| through.iter().all(|t| t.0 != **e));
-    change.extend(own.map(|e| (*e, vec![(*e, one)])));
-    change::transform(&mut model.pool, form, &change);
-    for e in &followed {
-        let old = form.column(*e).out;
-        let new = model.pool.symbol(&format!("{}'", model.pool.name(old)));
-        form.columns[e.at()].out = new;
-        form.column_of.insert(new, *e);
-    }
-    for e in &followed {
-        let mut terms = vec![model.pool.var(form.column(*e).out)];
-        for (c, _, factor) in through.iter().filter(|t| t.1 == *e) {
-            let out = model.pool.var(form.column(*c).out);
-            let part = model.pool.mul(*factor, out);
-            terms.push(model.pool.neg(part));
+/// The least solution of equations that agree, by a QR decomposition of their transpose with pivots.
+fn least(a: &DMatrix<f64>, values: &DVector<f64>) -> Option<DVector<f64>> {
+    let (mut a, mut values) = (a.clone(), values.clone());
+    for i in 0..a.nrows() {
+        let norm = a.row(i).norm();
+        if norm > 0.0 {
+            a.row_mut(i).unscale_mut(norm);
+            values[i] /= norm;
         }
-        let sum = model.pool.sum(&terms);
-        done.fixed.insert(done.before[e.at()], sum);
     }
+    let qr = a.transpose().col_piv_qr();
+    let (q, r) = (qr.q(), qr.r());
+    let first = r.get((0, 0)).copied().unwrap_or(0.0).abs();
+    let rank = (0..r.nrows().min(r.ncols())).take_while(|i| r[(*i, *i)].abs() > OPTIONS.rounding * first).count();
+    let mut sorted = values.transpose();
+    qr.p().permute_columns(&mut sorted);
+    let upper = r.view((0, 0), (rank, rank)).transpose();
+    let y = upper.solve_lower_triangular(&sorted.transpose().rows(0, rank).into_owned())?;
+    Some(q.columns(0, rank) * y)
 }
 
-/// Finds where the storages start, from their co-energy variables: these are tied linearly.
-fn settle(model: &mut Model, form: &Form, set: &Dependence, done: &mut Eliminated) -> Result<(), Diagnostic> {
-    let found = curved::start(model, form, set)?;
-    let mut all = Vec::new();
-    for (c, z) in set.independent.iter().zip(found) {
-        let Some(s) = storage(model, form.column(*c).element).cloned() else { continue };
-        if s.massless {
-            all.push(z.unwrap_or(0.0));
-            continue;
-        }
-        all.push(z.unwrap_or_else(|| at_start(model, form, s.coenergy)));
-        let start = start::settled(model, form, set, (*c, &s), z)?;
-        done.states.insert(*c, (s.state, start, true));
+/// The inertia of a flow, or the compliance of an effort: d(state)/d(co-energy variable) at the start; none of what has
+/// none.
+fn inertia(model: &mut Model, form: &Form, c: ColumnId) -> Option<f64> {
+    let s = storage(model, form.column(c).element).filter(|s| !s.massless).cloned()?;
+    let slope = model.pool.derivative(s.coenergy, s.state);
+    let inertia = 1.0 / at_start(model, form, slope);
+    Some(if inertia.is_finite() && inertia > 0.0 { inertia } else { 1.0 })
+}
+
+/// What stands in a constraint that none can have: what jumps, and laws of resistors.
+fn check(model: &Model, form: &Form, multiplier: ColumnId) -> Option<Diagnostic> {
+    let column = form.column(multiplier);
+    let e = model.element(column.element);
+    let tied: Vec<&str> = column
+        .row
+        .iter()
+        .map(|t| form.column(t.0))
+        .filter(|c| c.role == Role::Storage)
+        .map(|c| c.name.as_str())
+        .collect();
+    let storages = || tied.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ");
+    if !column.row.iter().any(|t| matches!(form.column(t.0).role, Role::Storage | Role::Constraint)) {
+        let what = format!("what `{}` sums is imposed by sources alone", e.name);
+        let help = "take one of them away, or put a resistor or a storage between them";
+        return Some(Diagnostic::error("structure::held", e.span, what).help(help));
     }
-    for (i, d) in set.dependent.iter().enumerate() {
-        let Some(s) = storage(model, form.column(*d).element).cloned() else { continue };
-        let terms = set.ratio[i].iter().zip(&all).filter(|(k, _)| !model.pool.is_zero(**k));
-        let sum: f64 = terms.map(|(k, z)| at_start(model, form, *k) * z).sum();
-        let z = sum + start::driven(model, form, &set.sources[i]);
-        // What a signal of the run decides is found by the first step.
-        let start = start::settled(model, form, set, (*d, &s), Some(z).filter(|z| z.is_finite()))?;
-        done.starts.insert(*d, start);
+    let (c, code, how) = column.row.iter().find_map(|t| match form.column(t.0).role {
+        Role::Bar | Role::Open(_) => Some((t.0, "structure::jump", "across a double bar or open port, which jumps")),
+        Role::Resistor => Some((t.0, "structure::rate", "through a resistor")),
+        Role::Storage | Role::Source(_) | Role::Dependent | Role::Constraint => None,
+    })?;
+    let other = form.column(c);
+    let what = format!("at `{}` {} would have to follow `{}` {how}", e.name, storages(), other.name);
+    let error =
+        Diagnostic::error(code, e.span, what).label(model.element(other.element).span, "is what they would follow");
+    Some(error.help("put some resistance between the two, or a storage of the other kind"))
+}
+
+/// Stated starts that a constraint does not allow.
+fn clash(model: &Model, form: &Form, multiplier: ColumnId, off: f64) -> Diagnostic {
+    let column = form.column(multiplier);
+    let e = model.element(column.element);
+    let all = || column.row.iter().map(|t| form.column(t.0)).filter(|c| !model.element(c.element).is_massless());
+    let names: Vec<String> = all().map(|c| format!("`{}`", c.name)).collect();
+    let what = format!(
+        "inconsistent start: `{}` ties {} to each other, and is off by {off} with what is stated of them",
+        e.name,
+        names.join(", ")
+    );
+    let mut error = Diagnostic::error("structure::initial", e.span, what);
+    for c in all() {
+        error = error.label(model.element(c.element).span, "is what it ties");
     }
-    Ok(())
+    error.help("state the start of one of them and leave the others out")
 }

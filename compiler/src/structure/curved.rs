@@ -34,7 +34,8 @@ pub(super) fn merge(
     let (energy, bounded) = energy(model, form, set, &storages, (&seen, &own));
     let coenergy: Vec<Expr> = states.iter().map(|s| model.pool.derivative(energy, *s)).collect();
     for (i, c) in independent.iter().enumerate() {
-        let initial = start::settled(model, form, set, (*c, &storages[i]), start[i])?;
+        let tied: Vec<ColumnId> = independent.iter().chain(&set.dependent).copied().collect();
+        let initial = start::settled(model, form, &tied, (*c, &storages[i]), start[i])?;
         done.states.insert(*c, (states[i], initial, true));
     }
     let moving: Vec<(ColumnId, Symbol)> = independent.iter().copied().zip(states.iter().copied()).collect();

@@ -10,25 +10,49 @@ use super::eliminated::Eliminated;
 use super::storage::ids;
 use super::{ColumnId, Form, Role, constraint, curved, quadratic};
 use crate::causality::Causality;
-use crate::model::Model;
+use crate::model::{ElementId, Model};
 use bond_grammar::diagnostic::Diagnostic;
 
-/// Merges all dependent storages, and takes their columns out of all rows.
+/// Storages that depend on one another and cannot be merged: multipliers are to tie them.
+///
+/// # Errors
+/// Storages that nothing can be done for, with the elements.
+pub(super) fn tied(model: &mut Model, form: &Form) -> Result<Vec<ElementId>, Vec<Diagnostic>> {
+    let dependent = ids(form, Role::Dependent);
+    let errors: Vec<Diagnostic> = dependent.iter().filter_map(|d| dependence::check(model, form, *d)).collect();
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let mut tied = Vec::new();
+    for set in dependence::all(model, form, &dependent) {
+        if !set.is_merged(model, form) {
+            tied.extend(set.independent.iter().chain(&set.dependent).map(|c| form.column(*c).element));
+        }
+    }
+    Ok(tied)
+}
+
+/// Merges all dependent storages, and takes their columns out of all rows. What multipliers tie starts where that
+/// agrees.
 pub(super) fn eliminate(
     model: &mut Model,
     causality: &Causality,
     form: &mut Form,
 ) -> Result<Eliminated, Vec<Diagnostic>> {
     let mut done = Eliminated { before: form.columns.iter().map(|c| c.out).collect(), ..Eliminated::default() };
+    let dependent = ids(form, Role::Dependent);
+    let all = dependence::all(model, form, &dependent);
+    let is_merged = |c: &ColumnId| all.iter().any(|set| set.independent.contains(c));
+    for c in ids(form, Role::Storage) {
+        // A speed without inertia is what its neighbours let it be: no effort is left at it.
+        if model.element(form.column(c).element).is_massless() && !is_merged(&c) {
+            form.columns[c.at()].role = Role::Constraint;
+        }
+    }
+    constraint::settle(model, form, &mut done)?;
     if causality.dependent.is_empty() {
         return Ok(done);
     }
-    let dependent = ids(form, Role::Dependent);
-    let errors: Vec<Diagnostic> = dependent.iter().filter_map(|d| dependence::check(model, form, *d)).collect();
-    if !errors.is_empty() {
-        return Err(errors);
-    }
-    let (all, dependent) = constrain(model, form, dependent, &mut done).map_err(|d| vec![d])?;
     let starts = all.iter().map(|t| start_of(model, form, t)).collect::<Result<Vec<_>, _>>().map_err(|d| vec![d])?;
     strip(form, &dependent);
     for (dependence, start) in all.iter().zip(starts) {
@@ -51,27 +75,6 @@ pub(super) fn eliminate(
         }
     }
     Ok(done)
-}
-
-/// Ties by constraints what cannot be merged; what is left, and the sets of it.
-fn constrain(
-    model: &mut Model,
-    form: &mut Form,
-    mut dependent: Vec<ColumnId>,
-    done: &mut Eliminated,
-) -> Result<(Vec<Dependence>, Vec<ColumnId>), Diagnostic> {
-    loop {
-        let (merged, tied): (Vec<_>, Vec<_>) =
-            dependence::all(model, form, &dependent).into_iter().partition(|set| set.is_merged(model, form));
-        if tied.is_empty() {
-            return Ok((merged, dependent));
-        }
-        for set in &tied {
-            constraint::constrain(model, form, set, done)?;
-        }
-        // What is tied so stays a storage of its own, whose state other ratios may read.
-        dependent.retain(|d| form.column(*d).role == Role::Dependent);
-    }
 }
 
 /// How storages are merged; of curved ones, with the co-energy variables that the stated starts settle.

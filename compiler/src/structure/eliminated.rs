@@ -38,8 +38,6 @@ pub(super) struct Eliminated {
     /// The outputs of all columns before the change of coordinates.
     pub(super) before: Vec<Symbol>,
     pub(super) following: Vec<Following>,
-    /// Where dependent storages start that constraints tie, until their columns are there.
-    pub(super) starts: FxHashMap<ColumnId, f64>,
     /// See [`Form::poles`].
     pub(super) poles: Vec<Expr>,
 }

@@ -82,8 +82,7 @@ pub enum Role {
     Resistor,
     /// A storage in derivative causality; gone after the elimination, but where it follows a source.
     Dependent,
-    /// What ties a storage to others or to sources: its output is the multiplier, the rate of the storage's state, and
-    /// its input, how far the storage's co-energy variable is from what the others impose, is 0.
+    /// A multiplier, and the flow of a junction without inertia: what has its input be 0.
     Constraint,
 }
 
@@ -334,18 +333,57 @@ pub struct Bar {
     pub held: ColumnId,
 }
 
-/// Builds the form.
+/// Builds the form. Where storages depend on one another and cannot be merged, multipliers tie them: causality is then
+/// assigned again, and the graph is another one.
 ///
 /// # Errors
 /// Structures that cannot be made explicit, with the elements.
-pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Result<Form, Vec<Diagnostic>> {
-    let mut columns = columns(model, graph, causality);
-    let rows = junction::rows(model, graph, causality, &mut columns)?;
+pub fn build(
+    model: &mut Model,
+    mut graph: BondGraph,
+    mut causality: Causality,
+) -> Result<(BondGraph, Causality, Form), Vec<Diagnostic>> {
+    let mut columns = columns(model, &graph, &causality);
+    let mut rows = junction::rows(model, &graph, &causality, &mut columns)?;
+    let mut form = form(model, columns);
+    resolve::rows(model, &graph, &rows, &mut form)?;
+    let told = |errors: Vec<Diagnostic>, model: &Model, graph: &BondGraph, causality: &Causality| {
+        once(errors).into_iter().map(|e| held(model, graph, causality, e)).collect::<Vec<_>>()
+    };
+    // What is tied leaves others as they were: there is one round for each set of storages at most.
+    for _ in 0..=model.elements.len() {
+        let tied = eliminate::tied(model, &form).map_err(|e| told(e, model, &graph, &causality))?;
+        if tied.is_empty() {
+            break;
+        }
+        (graph, causality) = causality::tie(model, graph, &causality, &tied)?;
+        let mut columns = self::columns(model, &graph, &causality);
+        rows = junction::rows(model, &graph, &causality, &mut columns)?;
+        form = self::form(model, columns);
+        resolve::rows(model, &graph, &rows, &mut form)?;
+    }
+    let eliminated =
+        eliminate::eliminate(model, &causality, &mut form).map_err(|e| told(e, model, &graph, &causality))?;
+    form.poles.clone_from(&eliminated.poles);
+    region::regions(model, &graph, &rows, &eliminated, &mut form)?;
+    casimir::bound(model, &mut form);
+    form.bars = bars(model, &form);
+    let unread = unread(model, &form);
+    if !unread.is_empty() {
+        return Err(unread);
+    }
+    form.steered = steered::steered(model, &form);
+    form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;
+    Ok((graph, causality, form))
+}
+
+/// A form of columns alone.
+fn form(model: &Model, columns: Vec<Column>) -> Form {
     let mut column_of_element = vec![None; model.elements.len()];
     for (i, c) in columns.iter().enumerate().filter(|(_, c)| c.role != Role::Bar) {
         column_of_element[c.element.at()] = Some(ColumnId(i as u32));
     }
-    let mut form = Form {
+    Form {
         column_of_element,
         column_of: columns.iter().enumerate().map(|(i, c)| (c.out, ColumnId(i as u32))).collect(),
         columns,
@@ -358,23 +396,7 @@ pub fn build(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Res
         memories: Vec::new(),
         expectations: Vec::new(),
         steered: FxHashSet::default(),
-    };
-    resolve::rows(model, graph, &rows, &mut form)?;
-    let eliminated = eliminate::eliminate(model, causality, &mut form).map_err(|errors| {
-        let errors = once(errors).into_iter().map(|e| held(model, graph, causality, e));
-        errors.collect::<Vec<_>>()
-    })?;
-    form.poles.clone_from(&eliminated.poles);
-    region::regions(model, graph, &rows, &eliminated, &mut form)?;
-    casimir::bound(model, &mut form);
-    form.bars = bars(model, &form);
-    let unread = unread(model, &form);
-    if !unread.is_empty() {
-        return Err(unread);
     }
-    form.steered = steered::steered(model, &form);
-    form.validate(&model.pool).map_err(|d| vec![Diagnostic::error("structure::skew", model.span, d)])?;
-    Ok(form)
 }
 
 /// An error of a dependent storage; where that is one only by strokes that the user asserted, it is theirs.
@@ -401,7 +423,7 @@ fn held(model: &Model, graph: &BondGraph, causality: &Causality, error: Diagnost
 fn sign_on(kind: Kind, law: &Law) -> Variable {
     match law {
         Law::Resistor(r) => r.written,
-        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => {
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) | Law::Multiplier => {
             kind.forced().or(kind.integral()).map_or(Variable::Flow, Variable::other)
         }
     }
@@ -422,6 +444,7 @@ fn columns(model: &mut Model, graph: &BondGraph, causality: &Causality) -> Vec<C
             Law::Storage(_) if is_dependent[id.at()] => Role::Dependent,
             Law::Storage(_) => Role::Storage,
             Law::Resistor(_) => Role::Resistor,
+            Law::Multiplier => Role::Constraint,
             Law::Ratio(_) | Law::Junction => continue,
         };
         let gives = causality.gives(model, bond, id);

@@ -31,7 +31,7 @@ impl Found {
 fn law_of<'m>(r: &'m Resolver<'_>, id: ElementId) -> Option<&'m Resistor> {
     match &r.model.element(id).law {
         Law::Resistor(law) => Some(law),
-        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) | Law::Multiplier => None,
     }
 }
 

@@ -38,7 +38,7 @@ pub(super) fn value(model: &Model, form: &Form, s: Symbol) -> f64 {
 }
 
 /// What a column gives at the start: a source its value, a storage its co-energy variable; 0 of what is not known yet.
-fn given(model: &Model, form: &Form, c: ColumnId) -> f64 {
+pub(super) fn given(model: &Model, form: &Form, c: ColumnId) -> f64 {
     let column = form.column(c);
     match column.role {
         Role::Source(v) => at_start(model, form, v),
@@ -144,7 +144,7 @@ fn clash(model: &Model, form: &Form, set: &Dependence, s: &Stated, follows: f64)
 pub(super) fn settled(
     model: &mut Model,
     form: &Form,
-    set: &Dependence,
+    others: &[ColumnId],
     (c, s): (ColumnId, &Storage),
     z: Option<f64>,
 ) -> Result<f64, Diagnostic> {
@@ -158,7 +158,7 @@ pub(super) fn settled(
         let e = model.element(form.column(c).element);
         let what = format!("no state of `{}` was found that goes with the start of what it is tied to", e.name);
         let mut error = Diagnostic::error("structure::initial", e.span, what);
-        for other in set.independent.iter().chain(&set.dependent).filter(|other| **other != c) {
+        for other in others.iter().filter(|other| **other != c) {
             error = error.label(model.element(form.column(*other).element).span, "is tied to it");
         }
         error.help("state the start of one of them, where its energy has a slope")

@@ -8,7 +8,7 @@ use crate::model::{ElementId, Law, Model, Storage};
 pub(super) fn storage(model: &Model, id: ElementId) -> Option<&Storage> {
     match &model.element(id).law {
         Law::Storage(s) => Some(s),
-        Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => None,
+        Law::Source(_) | Law::Resistor(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) | Law::Multiplier => None,
     }
 }
 

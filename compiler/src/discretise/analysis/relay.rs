@@ -152,7 +152,7 @@ pub(crate) fn has_state_dependent_switch(c: &Cluster, model: &mut Model, form: &
     let own: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(c.loops.iter().copied()).collect();
     let is_linear = |column: ColumnId| match &model.element(form.column(column).element).law {
         Law::Resistor(law) => law.linear.is_some(),
-        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) | Law::Multiplier => false,
     };
     let linear = c.nodes.iter().filter(|n| n.resistor().is_some_and(is_linear));
     let laws: Vec<Expr> = linear.flat_map(|n| n.how.expressions()).collect();

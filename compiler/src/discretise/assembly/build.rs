@@ -19,6 +19,8 @@ pub(crate) struct Asked {
     pub(crate) method: Option<Method>,
     pub(crate) tolerance: Option<f64>,
     pub(crate) accuracy: Accuracy,
+    /// The size of the scene's energies, J.
+    pub(crate) energy: f64,
 }
 
 /// The step of a cluster, and the method that it is by; None of what only discrete updates move.
@@ -88,7 +90,7 @@ pub(crate) fn build(
         guards,
         has_exponentials: !c.exponential_arguments().is_empty(),
         is_non_smooth: smoothness::is_non_smooth(c),
-        stored: stored_energy::stored(c, model, form)?,
+        stored: stored_energy::stored(c, model, form, asked.energy)?,
         energies: c.regions.iter().enumerate().map(|(i, r)| (r.at(), i)).collect(),
         curvatures: (0..states).map(|i| regions + i).collect(),
         heats: heats(c, model, form),

@@ -5,13 +5,14 @@ use crate::discretise::cluster::{Cluster, missing, verified};
 use crate::discretise::equations::inputs;
 use crate::expression::{Expr, Lowering, Node, Pool, Symbol};
 use crate::model::Model;
-use crate::structure::{Form, Output};
+use crate::structure::{ColumnId, Form, Output};
 use bond_grammar::diagnostic::Diagnostic;
-use bond_runtime::ir::{Array, Binary, Builder, Program};
+use bond_runtime::ir::{Array, Binary, Builder, Program, Unary};
 use rustc_hash::{FxHashMap, FxHashSet};
 
-/// Writes what is stored: H of each region, then the curvature and the resolution of each state.
-pub(crate) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Program, Vec<Diagnostic>> {
+/// Writes what is stored: H of each region, then the curvature and the resolution of each state. `energy` is the size
+/// of the scene's energies.
+pub(crate) fn stored(c: &Cluster, model: &mut Model, form: &Form, energy: f64) -> Result<Program, Vec<Diagnostic>> {
     let mut b = Builder::new(c.title(form, "what is stored"));
     let inputs = inputs::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
@@ -20,7 +21,7 @@ pub(crate) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Prog
         list.push((format!("H({})", form.regions[r.at()].name), c.energy(&mut model.pool, *r)));
     }
     let curvatures = curvature::curvatures(c, model);
-    let grains = resolutions(c, model, form, &curvatures);
+    let grains = resolutions(c, model, form, (&curvatures, energy));
     list.extend(c.states.iter().zip(curvatures).map(|(s, k)| (format!("curvature({})", s.name), k)));
     list.extend(c.states.iter().zip(grains).map(|(s, k)| (format!("grain({})", s.name), k)));
     for (name, e) in list {
@@ -33,9 +34,10 @@ pub(crate) fn stored(c: &Cluster, model: &mut Model, form: &Form) -> Result<Prog
 
 /// What the co-energy variable of each state is uncertain by where a curve has a corner: about there the curve's
 /// parameter is rounded by a part of itself, however little it is beyond the corner. A block that dry friction lets go,
-/// at s = 1, has no speed between 0 and the rounding of 1. Of a state without energy, what its rate is uncertain by for
-/// that.
-fn resolutions(c: &Cluster, model: &mut Model, form: &Form, curvatures: &[Expr]) -> Vec<Expr> {
+/// at s = 1, has no speed between 0 and the rounding of 1. Where multipliers tie storages, forces balance that are as
+/// large as those which move the scene: what they keep at rest, as the coupler of a parallelogram, turns by what the
+/// speeds of all round to. Of a state without energy, what its rate is uncertain by for that.
+fn resolutions(c: &Cluster, model: &mut Model, form: &Form, (curvatures, energy): (&[Expr], f64)) -> Vec<Expr> {
     let mut list = vec![model.pool.int(0); c.states.len()];
     for node in c.loop_nodes() {
         let Output::Curve { residual, parameter, .. } = node.how else { continue };
@@ -60,12 +62,24 @@ fn resolutions(c: &Cluster, model: &mut Model, form: &Form, curvatures: &[Expr])
             }
         }
     }
+    let multipliers: Vec<Symbol> = c.loop_nodes().iter().filter(|n| n.constraint().is_some()).map(|n| n.out).collect();
     let pool = &mut model.pool;
+    for ((s, grain), curvature) in c.states.iter().zip(&mut list).zip(curvatures) {
+        if multipliers.iter().any(|m| pool.contains(s.rate, *m)) {
+            let rounding = pool.float(4.0 * f64::EPSILON * (2.0 * energy).sqrt());
+            let bend = pool.unary(Unary::Sqrt, *curvature);
+            let more = pool.mul(rounding, bend);
+            *grain = pool.add(*grain, more);
+        }
+    }
     let stores: Vec<bool> = curvatures.iter().map(|k| !pool.is_zero(*k)).collect();
-    let known: Vec<(Symbol, Expr)> = (c.states.iter().zip(&list).zip(&stores))
+    let mut known: Vec<(Symbol, Expr)> = (c.states.iter().zip(&list).zip(&stores))
         .filter(|((_, grain), stores)| **stores && !pool.is_zero(**grain))
         .filter_map(|((s, grain), _)| Some((form.column(s.column?).out, *grain)))
         .collect();
+    let speeds = massless(c, model, form, &known);
+    known.extend(speeds);
+    let pool = &mut model.pool;
     for ((s, grain), _) in c.states.iter().zip(&mut list).zip(&stores).filter(|(_, stores)| !**stores) {
         let by = pool.derivatives(s.rate, &known.iter().map(|k| k.0).collect::<Vec<_>>());
         let mut parts = Vec::new();
@@ -78,6 +92,37 @@ fn resolutions(c: &Cluster, model: &mut Model, form: &Form, curvatures: &[Expr])
         *grain = pool.sum(&parts);
     }
     list
+}
+
+/// What each speed without inertia is uncertain by, as the constraints tell it from what storages are.
+fn massless(c: &Cluster, model: &mut Model, form: &Form, known: &[(Symbol, Expr)]) -> Vec<(Symbol, Expr)> {
+    let of: FxHashMap<Symbol, Expr> = known.iter().copied().collect();
+    let is_state = |s: &Symbol| c.states.iter().any(|state| state.symbol == *s);
+    let constraints: Vec<ColumnId> = c.loop_nodes().iter().filter_map(|n| n.constraint()).collect();
+    let is_massless = |c: &ColumnId| model.element(form.column(*c).element).is_massless();
+    let (speeds, ties): (Vec<ColumnId>, Vec<ColumnId>) = constraints.into_iter().partition(is_massless);
+    let mut found = Vec::new();
+    for speed in speeds {
+        let (mut parts, mut squares) = (Vec::new(), Vec::new());
+        for &tie in &ties {
+            let Some(a) = form.entry(tie, speed) else { continue };
+            let pool = &mut model.pool;
+            squares.push(pool.powi(a, 2));
+            for (j, k) in &form.column(tie).row {
+                let Some(grain) = of.get(&form.column(*j).out) else { continue };
+                let k = pool.mul(a, *k);
+                let k = pool.unary(Unary::Abs, k);
+                parts.push(pool.mul(k, *grain));
+            }
+        }
+        let pool = &mut model.pool;
+        let (part, square) = (pool.sum(&parts), pool.sum(&squares));
+        let grain = pool.div(part, square);
+        if pool.symbols(grain).iter().all(is_state) {
+            found.push((form.column(speed).out, grain));
+        }
+    }
+    found
 }
 
 /// The largest number, by magnitude, that an expression compares a symbol with.

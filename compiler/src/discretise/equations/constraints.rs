@@ -315,6 +315,8 @@ impl Sizes {
 pub(crate) struct StepSizes {
     ties: Vec<StepTie>,
     free: Vec<StepSpeed>,
+    /// By how much more a state's change over the step is uncertain, for what moves it.
+    moved: Vec<(usize, Value)>,
 }
 
 /// A constraint in the equations of a step.
@@ -394,11 +396,51 @@ impl StepSizes {
             }
             found.free.push(StepSpeed { place: size.place, weight: size.energy, scale, unit, by });
         }
+        found.balanced(c, (model, form), (b, &mut at), (&flat, inputs.h))?;
         Ok(found)
     }
 
+    /// Multipliers balance large forces. A bar that they keep from turning has a momentum that is what these round to,
+    /// and a speed without inertia is the difference of what its neighbours have: what these move is uncertain by that.
+    fn balanced(
+        &mut self,
+        c: &Cluster,
+        (model, form): (&mut Model, &Form),
+        (b, at): (&mut Builder, &mut Lowering),
+        (flat, h): (&FxHashMap<Symbol, Expr>, Value),
+    ) -> Result<(), Vec<Diagnostic>> {
+        let curvatures = curvature::curvatures(c, model);
+        let mut speeds: FxHashMap<ColumnId, Value> = FxHashMap::default();
+        for (j, s) in c.states.iter().enumerate() {
+            let Some(column) = s.column else { continue };
+            let terms = error_weights::terms(model, form, flat, column);
+            let terms = at.lower(&model.pool, b, terms).map_err(|s| missing(model, s))?;
+            let bend = at.lower(&model.pool, b, curvatures[j]).map_err(|s| missing(model, s))?;
+            let change = b.mul(h, terms);
+            speeds.insert(column, b.mul(bend, change));
+        }
+        for (node, size) in c.multipliers(model, form).1.iter().zip(&self.free) {
+            speeds.extend(node.constraint().map(|column| (column, size.scale)));
+        }
+        for (i, s) in c.states.iter().enumerate() {
+            let Some(column) = s.column else { continue };
+            for (from, k) in &form.column(column).row {
+                let Some(speed) = speeds.get(from) else { continue };
+                let k = model.pool.substitute(*k, flat);
+                let k = model.pool.unary(Unary::Abs, k);
+                let k = at.lower(&model.pool, b, k).map_err(|s| missing(model, s))?;
+                let part = b.mul(k, *speed);
+                self.moved.push((i, b.mul(h, part)));
+            }
+        }
+        Ok(())
+    }
+
     /// Has them in the weights and scales of a stage, states before loops.
-    pub(crate) fn measure(&self, c: &Cluster, weight: &mut [Value], scale: &mut [Value]) {
+    pub(crate) fn measure(&self, c: &Cluster, b: &mut Builder, weight: &mut [Value], scale: &mut [Value]) {
+        for (i, more) in &self.moved {
+            scale[*i] = b.add(scale[*i], *more);
+        }
         let ties = self.ties.iter().map(|t| (t.place, t.weight, t.scale));
         for (place, w, s) in ties.chain(self.free.iter().map(|f| (f.place, f.weight, f.scale))) {
             weight[c.states.len() + place] = w;

@@ -54,7 +54,7 @@ pub(crate) fn write(
     }
     let (mut weight, mut scale) = discrete_gradient::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
     let sizes = StepSizes::of(c, (model, form), (&mut b, &mut lowering), &inputs)?;
-    sizes.measure(c, &mut weight, &mut scale);
+    sizes.measure(c, &mut b, &mut weight, &mut scale);
     sizes.reduce(c, &mut model.pool, 0.5, &mut residuals);
     let zero = b.number(0.0);
     let rest: Vec<Value> = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();

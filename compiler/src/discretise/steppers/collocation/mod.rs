@@ -227,7 +227,7 @@ impl Plan {
         let s = self.tableau.stages();
         let (mut weight, mut scale) = discrete_gradient::measures(c, model, form, b, lowering, inputs)?;
         let sizes = StepSizes::of(c, (model, form), (b, lowering), inputs)?;
-        sizes.measure(c, &mut weight, &mut scale);
+        sizes.measure(c, b, &mut weight, &mut scale);
         let n = c.states.len() + c.loops.len();
         for ((i, row), stage) in self.tableau.matrix().into_iter().enumerate().zip(residuals.chunks_mut(n.max(1))) {
             sizes.reduce(c, &mut model.pool, row[i], stage);

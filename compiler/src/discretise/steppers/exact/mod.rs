@@ -378,6 +378,6 @@ impl Writing<'_> {
 fn is_negative(model: &Model, form: &Form, column: ColumnId) -> bool {
     match &model.element(form.column(column).element).law {
         Law::Resistor(r) => r.linear.and_then(|k| model.pool.constant(k)).is_some_and(|k| k < 0.0),
-        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) => false,
+        Law::Source(_) | Law::Storage(_) | Law::Ratio(_) | Law::Junction | Law::Port(_) | Law::Multiplier => false,
     }
 }
