@@ -1,8 +1,9 @@
 //! The linear model of a scene around a state: dx/dt = A x + B u, y = C x + D u.
 
 use crate::Stages;
-use crate::expression::{Expr, Symbol};
+use crate::expression::{Expr, Pool, Symbol};
 use crate::rates::Point;
+use crate::structure::{Form, Region};
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 use serde_json::{Value, json};
@@ -10,7 +11,7 @@ use serde_json::{Value, json};
 /// The matrices, with names.
 #[derive(Clone, Debug)]
 pub struct Linearized {
-    /// Energy states, signal states, then integrals.
+    /// Energy states, signal states, then integrals; of those that constraints tie the independent ones.
     pub states: Vec<String>,
     /// The scene's inputs, open ports, and what sampled regions hold at the others' bonds; then sampled signal states
     /// and what else of samples is read between them.
@@ -148,5 +149,70 @@ pub fn linearize(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
         fill(&mut result.c, &mut result.d, i, row);
     }
     result.outputs = model.probes.iter().map(|p| p.name.clone()).collect();
+    let mut tied = Vec::new();
+    for tie in point.ties.clone() {
+        let mut row = DMatrix::zeros(1, nx);
+        let found = total(&mut model.pool, &rows, tie, &|_| false);
+        found.into_iter().filter(|t| t.0 < nx).for_each(|(k, x)| row[(0, k)] = x);
+        tied.push(row);
+    }
+    if !tied.is_empty() {
+        let bends: Vec<f64> = point.states.iter().map(|s| bend(&point, &mut model.pool, form, s.1)).collect();
+        result.eliminate(tied, &bends);
+    }
     Ok(result)
+}
+
+/// How strongly the energy bends along a state; 0 where it has none.
+fn bend(point: &Point, pool: &mut Pool, form: &Form, state: Symbol) -> f64 {
+    let of = |r: &Region| r.states.iter().position(|s| s.symbol == state);
+    let Some((r, i)) = form.regions.iter().find_map(|r| Some((r, of(r)?))) else { return 0.0 };
+    let group = r.groups.iter().find_map(|g| Some(g.coenergy[g.states.iter().position(|s| *s == i)?]));
+    let slope = group.map(|z| pool.derivative(z, state));
+    slope.map_or(0.0, |slope| point.value(pool, slope).abs())
+}
+
+impl Linearized {
+    /// Takes the states out that constraints tie: these are combinations of the others. Each constraint takes the one
+    /// out that stands in it most, in the units in which the energy is half the sum of squares.
+    fn eliminate(&mut self, mut tied: Vec<DMatrix<f64>>, bends: &[f64]) {
+        let n = self.states.len();
+        // By state, what it is a combination of.
+        let mut of: Vec<Option<DMatrix<f64>>> = vec![None; n];
+        while let Some(mut row) = tied.pop() {
+            let size = row.amax();
+            for (i, by) in of.iter().enumerate() {
+                if let Some(by) = by {
+                    let k = row[(0, i)];
+                    row[(0, i)] = 0.0;
+                    row += by * k;
+                }
+            }
+            let share = |i: &usize| if bends[*i] > 0.0 { row[(0, *i)].abs() / bends[*i].sqrt() } else { 0.0 };
+            let free = (0..n).filter(|i| of[*i].is_none());
+            let Some(pivot) = free.max_by(|i, j| share(i).total_cmp(&share(j))) else { break };
+            // What is rounding alone says nothing.
+            if share(&pivot) == 0.0 || row[(0, pivot)].abs() <= 1e-12 * size {
+                continue;
+            }
+            let own = row[(0, pivot)];
+            row[(0, pivot)] = 0.0;
+            row /= -own;
+            for by in of.iter_mut().flatten() {
+                let k = by[(0, pivot)];
+                by[(0, pivot)] = 0.0;
+                *by += &row * k;
+            }
+            of[pivot] = Some(row);
+        }
+        let kept: Vec<usize> = (0..n).filter(|i| of[*i].is_none()).collect();
+        let all = DMatrix::from_fn(n, kept.len(), |i, k| match &of[i] {
+            Some(by) => by[(0, kept[k])],
+            None => f64::from(u8::from(i == kept[k])),
+        });
+        self.a = self.a.select_rows(&kept) * &all;
+        self.b = self.b.select_rows(&kept);
+        self.c = &self.c * &all;
+        self.states = kept.iter().map(|i| self.states[*i].clone()).collect();
+    }
 }

@@ -5,7 +5,7 @@ use crate::Stages;
 use crate::elaborate::told;
 use crate::expression::{Expr, Node, Pool, Symbol};
 use crate::model::{Law, Model, Signal};
-use crate::structure::{Form, Group, Output, Region, Role};
+use crate::structure::{ColumnId, Form, Group, Output, Region, Role};
 use bond_runtime::ir::Unary;
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -28,6 +28,19 @@ const HALVINGS: usize = 40;
 /// What drives loops grows by no less than this part of it.
 const LEAST: f64 = 1e-6;
 
+/// What impulses in the place of multipliers come to in an expression that has these.
+fn along(pool: &mut Pool, e: Expr, impulses: &[(Symbol, Symbol, bool)]) -> Expr {
+    let mut terms = Vec::new();
+    for (multiplier, impulse, _) in impulses {
+        let k = pool.derivative(e, *multiplier);
+        if !pool.is_zero(k) {
+            let impulse = pool.var(*impulse);
+            terms.push(pool.mul(k, impulse));
+        }
+    }
+    pool.sum(&terms)
+}
+
 /// A state of the continuous regions, with all that follows from it.
 pub(crate) struct Point {
     /// Energy states, signal states, then integrals: name, symbol, rate.
@@ -45,6 +58,8 @@ pub(crate) struct Point {
     pub(crate) looped: Vec<usize>,
     /// 1 less the slopes of the looped definitions by each other.
     pub(crate) loops: DMatrix<f64>,
+    /// What constraints have be 0.
+    pub(crate) ties: Vec<Expr>,
     /// The value of each symbol.
     pub(crate) at: FxHashMap<Symbol, f64>,
 }
@@ -70,6 +85,7 @@ impl Point {
             order: vec![],
             looped: vec![],
             loops: DMatrix::zeros(0, 0),
+            ties: vec![],
             at: FxHashMap::default(),
         };
         point.define(stages, time, states);
@@ -202,7 +218,9 @@ impl Point {
         self.inputs.extend(held);
     }
 
-    /// The multipliers of constraints: each has its constraint stay fulfilled, which the states are that.
+    /// The multipliers of constraints: each has its constraint stay fulfilled, which the states are that. Speeds
+    /// without inertia are those by which the states fulfil the constraints, with no impulses left at them; their rates
+    /// are what leaves no effort at them.
     fn constrain(&mut self, model: &mut Model, form: &Form) {
         let mut constraints = Vec::new();
         for r in &form.regions {
@@ -215,18 +233,47 @@ impl Point {
         // What constraints tie in terms of states: what gives it is put in its place, one after the other.
         let known: FxHashMap<Symbol, Expr> =
             self.columns.iter().copied().filter(|(s, e)| !model.pool.contains(*e, *s)).collect();
-        let mut rates: Vec<(Symbol, Expr)> = self.states.iter().map(|(_, s, rate)| (*s, *rate)).collect();
-        let one = model.pool.int(1);
-        rates.extend(model.signals.iter().filter(|s| *s.1 == Signal::Time).map(|s| (*s.0, one)));
-        rates.sort_unstable_by_key(|r| r.0);
-        for (column, here) in constraints {
-            let mut e = form.input(&mut model.pool, column);
+        let by_states = |model: &mut Model, mut e: Expr| {
             for _ in 0..DEEP {
                 if !model.pool.contains_any(e, &|s| known.contains_key(&s)) {
                     break;
                 }
                 e = model.pool.substitute(e, &known);
             }
+            e
+        };
+        let is_speed = |model: &Model, c: ColumnId| model.element(form.column(c).element).is_massless();
+        let (speeds, ties): (Vec<_>, Vec<_>) = constraints.into_iter().partition(|(c, _)| is_speed(model, *c));
+        let mut rates: Vec<(Symbol, Expr)> = self.states.iter().map(|(_, s, rate)| (*s, *rate)).collect();
+        let one = model.pool.int(1);
+        rates.extend(model.signals.iter().filter(|s| *s.1 == Signal::Time).map(|s| (*s.0, one)));
+        let mut defined: Vec<(Symbol, Expr, bool)> = Vec::new();
+        let mut impulses = Vec::new();
+        for (tie, here) in ties.iter().filter(|_| !speeds.is_empty()) {
+            let out = form.column(*tie).out;
+            impulses.push((out, model.pool.symbol(&format!("impulse of {}", model.pool.name(out))), *here));
+        }
+        let mut ends: FxHashMap<Symbol, Expr> = FxHashMap::default();
+        for (_, s, rate) in self.states.iter().filter(|_| !speeds.is_empty()) {
+            let x = model.pool.var(*s);
+            let moved = along(&mut model.pool, *rate, &impulses);
+            ends.insert(*s, model.pool.add(x, moved));
+        }
+        for (speed, here) in &speeds {
+            let out = form.column(*speed).out;
+            let effort = form.input(&mut model.pool, *speed);
+            defined.push((out, along(&mut model.pool, effort, &impulses), *here));
+            let rate = model.pool.symbol(&format!("rate of {}", model.pool.name(out)));
+            rates.push((out, model.pool.var(rate)));
+            defined.push((rate, effort, *here));
+        }
+        rates.sort_unstable_by_key(|r| r.0);
+        for (i, (tie, here)) in ties.iter().enumerate() {
+            let e = form.input(&mut model.pool, *tie);
+            if *here {
+                self.ties.push(e);
+            }
+            let e = by_states(model, e);
             let mut terms = Vec::new();
             for (s, rate) in &rates {
                 let slope = model.pool.derivative(e, *s);
@@ -234,9 +281,14 @@ impl Point {
                     terms.push(model.pool.mul(slope, *rate));
                 }
             }
-            let out = form.column(column).out;
-            let (unknown, rate) = (model.pool.var(out), model.pool.sum(&terms));
-            self.columns.push((out, model.pool.sub(unknown, rate)));
+            defined.push((form.column(*tie).out, model.pool.sum(&terms), *here));
+            if let Some((_, impulse, _)) = impulses.get(i) {
+                defined.push((*impulse, model.pool.substitute(e, &ends), *here));
+            }
+        }
+        for (s, residual, here) in defined {
+            let unknown = model.pool.var(s);
+            self.columns.push((s, model.pool.sub(unknown, residual)));
             self.still.push(!here);
         }
     }

@@ -255,3 +255,34 @@ fn poles_of_a_chain() {
         close(pair[1].im, -wanted, 1e-9 * wanted, "frequency");
     }
 }
+
+/// Two pendulums, one on the other, that hang at rest: (2 +- sqrt(2)) g/l are the squares of their frequencies. Joints
+/// have no inertia, and no constraint adds a pole.
+#[test]
+fn a_chain_of_pendulums_swings() {
+    let path = models().join("examples/pendulum_chain.bond");
+    let compiled = file(&path, Options::new().set("n", "2").set("start", "0"));
+    let l = at(&compiled, &[]);
+    let poles = l.poles().unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(poles.len(), 4, "{poles:?}");
+    for (pair, sign) in poles.chunks(2).zip([-1.0, 1.0]) {
+        let wanted = ((2.0 + sign * 2.0f64.sqrt()) * 9.81).sqrt();
+        close(pair[0].im, wanted, 1e-12, "a frequency");
+        close(pair[0].re, 0.0, 1e-12, "its damping");
+    }
+}
+
+/// A parallelogram that stands upright falls: its bars and its coupler are one body. Its three angles are one, which
+/// leaves two poles at 0.
+#[test]
+fn a_parallelogram_falls_over() {
+    let path = models().join("mechanisms/n_four_bar.bond");
+    let compiled = file(&path, Options::new().set("n", "1").set("w0", "0"));
+    let poles = at(&compiled, &[]).poles().unwrap_or_else(|e| panic!("{e}"));
+    let wanted = (9.81 * 2.0f64 / (2.0 / 3.0 + 1.0)).sqrt();
+    assert_eq!(poles.len(), 4, "{poles:?}");
+    let found: Vec<f64> = poles.iter().map(|p| p.re.abs()).collect();
+    for (found, wanted) in found.into_iter().zip([0.0, 0.0, wanted, wanted]) {
+        close(found, wanted, 1e-12, "a pole");
+    }
+}

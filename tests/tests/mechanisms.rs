@@ -82,6 +82,6 @@ fn neither_order_nor_parts_count() {
     let mut sim = start(&compiled, Steps::tolerance(1e-10));
     advance(&mut sim, 0.5);
     for (name, wanted) in ["xl_at", "yl_at", "xr_at", "yr_at"].into_iter().zip(wanted) {
-        close(probe(&mut sim, name), wanted, 1e-9, name);
+        close(probe(&mut sim, name), wanted, 1e-8, name);
     }
 }
