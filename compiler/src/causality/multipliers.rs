@@ -102,7 +102,7 @@ impl Waves<'_> {
     /// An element gives a variable to a bond. The other end receives it, unless it gives the same one.
     fn give(&mut self, (bond, from, gives): Wave) {
         let (b, kind) = (self.model.bond(bond), self.model.element(from).kind);
-        // A TF or GY is one equation for either variable: it carries one of its ends on.
+        // A TF or GY is one equation for each variable: it carries what comes to one of its ends on to the other.
         if b.sampled || matches!(kind, Kind::TwoPort(_)) && std::mem::replace(&mut self.is_set[from.at()], true) {
             return;
         }
@@ -128,7 +128,7 @@ impl Waves<'_> {
                 self.brought[at.at()] += 1;
                 let graph = self.graph;
                 let bonds = &graph.bonds_of[at.at()];
-                let missing = bonds.len() - self.brought[at.at()] as usize;
+                let missing = bonds.len().saturating_sub(self.brought[at.at()] as usize);
                 if !self.is_set[at.at()] && missing == 0 {
                     self.waves.push_back((bond, at, brings));
                 } else if !self.is_set[at.at()] && missing == 1 {

@@ -219,9 +219,9 @@ fn clash(model: &Model, form: &Form, multiplier: ColumnId, off: f64) -> Diagnost
     let all = || column.row.iter().map(|t| form.column(t.0)).filter(|c| !model.element(c.element).is_massless());
     let names: Vec<String> = all().map(|c| format!("`{}`", c.name)).collect();
     let what = format!(
-        "inconsistent start: `{}` ties {} to each other, and is off by {off} with what is stated of them",
-        e.name,
-        names.join(", ")
+        "inconsistent start: {} are tied at `{}`, and what is stated of them is off by {off}",
+        names.join(", "),
+        e.name
     );
     let mut error = Diagnostic::error("structure::initial", e.span, what);
     for c in all() {

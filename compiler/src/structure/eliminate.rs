@@ -12,12 +12,17 @@ use super::{ColumnId, Form, Role, constraint, curved, quadratic};
 use crate::causality::Causality;
 use crate::model::{ElementId, Model};
 use bond_grammar::diagnostic::Diagnostic;
+use rustc_hash::FxHashSet;
 
-/// Storages that depend on one another and cannot be merged: multipliers are to tie them.
+/// Storages that depend on one another and cannot be merged: multipliers are to tie them. `before` were tied already.
 ///
 /// # Errors
 /// Storages that nothing can be done for, with the elements.
-pub(super) fn tied(model: &mut Model, form: &Form) -> Result<Vec<ElementId>, Vec<Diagnostic>> {
+pub(super) fn tied(
+    model: &mut Model,
+    form: &Form,
+    before: &FxHashSet<ElementId>,
+) -> Result<Vec<ElementId>, Vec<Diagnostic>> {
     let dependent = ids(form, Role::Dependent);
     let errors: Vec<Diagnostic> = dependent.iter().filter_map(|d| dependence::check(model, form, *d)).collect();
     if !errors.is_empty() {
@@ -26,6 +31,13 @@ pub(super) fn tied(model: &mut Model, form: &Form) -> Result<Vec<ElementId>, Vec
     let mut tied = Vec::new();
     for set in dependence::all(model, form, &dependent) {
         if !set.is_merged(model, form) {
+            let again = set.dependent.iter().map(|d| form.column(*d).element).find(|id| before.contains(id));
+            if let Some(id) = again {
+                let e = model.element(id);
+                let what = format!("`{}` cannot keep its state, and depends on others as no model has it", e.name);
+                let help = "take the strokes about it away, or put some resistance between it and what it depends on";
+                return Err(vec![Diagnostic::error("structure::rate", e.span, what).help(help)]);
+            }
             tied.extend(set.independent.iter().chain(&set.dependent).map(|c| form.column(*c).element));
         }
     }

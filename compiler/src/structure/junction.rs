@@ -54,12 +54,15 @@ pub(super) fn rows(
 }
 
 fn undetermined(model: &Model, bonds: &[BondId]) -> Diagnostic {
-    let names: Vec<&str> = bonds.iter().map(|b| model.bond(*b).name.as_str()).collect();
+    let is_added = |b: &&BondId| [model.bond(**b).tail, model.bond(**b).head].iter().any(|id| model.element(*id).added);
+    let (added, bonds): (Vec<&BondId>, Vec<&BondId>) = bonds.iter().partition(is_added);
+    let bonds = if bonds.is_empty() { added } else { bonds };
+    let names: Vec<&str> = bonds.iter().map(|b| model.bond(**b).name.as_str()).collect();
     let message =
         format!("the graph is not determined: the bonds {} form a loop that leaves a variable free", names.join(", "));
-    let mut error = Diagnostic::error("structure::loop", model.bond(bonds[0]).span, message);
+    let mut error = Diagnostic::error("structure::loop", model.bond(*bonds[0]).span, message);
     for b in bonds.iter().skip(1).take(16) {
-        error = error.label(model.bond(*b).span, "is in the loop");
+        error = error.label(model.bond(**b).span, "is in the loop");
     }
     error.help(FREE)
 }

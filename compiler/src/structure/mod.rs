@@ -350,12 +350,13 @@ pub fn build(
     let told = |errors: Vec<Diagnostic>, model: &Model, graph: &BondGraph, causality: &Causality| {
         once(errors).into_iter().map(|e| held(model, graph, causality, e)).collect::<Vec<_>>()
     };
-    // What is tied leaves others as they were: there is one round for each set of storages at most.
-    for _ in 0..=model.elements.len() {
-        let tied = eliminate::tied(model, &form).map_err(|e| told(e, model, &graph, &causality))?;
+    let mut before: FxHashSet<ElementId> = FxHashSet::default();
+    loop {
+        let tied = eliminate::tied(model, &form, &before).map_err(|e| told(e, model, &graph, &causality))?;
         if tied.is_empty() {
             break;
         }
+        before.extend(&tied);
         (graph, causality) = causality::tie(model, graph, &causality, &tied)?;
         let mut columns = self::columns(model, &graph, &causality);
         rows = junction::rows(model, &graph, &causality, &mut columns)?;
