@@ -85,3 +85,69 @@ fn neither_order_nor_parts_count() {
         close(probe(&mut sim, name), wanted, 1e-10, name);
     }
 }
+
+/// A crank, a coupler and a rocker whose pins are bonded: the model tells their speeds alone.
+const FOUR_BAR: &str = "
+model FourBar(r = 0.1 m, s = 0.3 m, k = 0.25 m) {
+  C:a { H = 0; q0 = 1 rad }
+  C:b { H = 0; q0 = 0.6 rad }
+  C:c { H = 0; q0 = 1.5 rad }
+  I:ia { inertia = 0.001 kg*m^2; f0 = 10 rad/s }
+  I:ib = 0.003 kg*m^2
+  I:ic = 0.002 kg*m^2
+  MTF:ax = -r*sin(a.q)
+  MTF:ay = r*cos(a.q)
+  MTF:bx = -s*sin(b.q)
+  MTF:by = s*cos(b.q)
+  MTF:cx = k*sin(c.q)
+  MTF:cy = -k*cos(c.q)
+  1:wa -> a, ia, ax, ay
+  1:wb -> b, ib, bx, by
+  1:wc -> c, ic, cx, cy
+  ax -> 0:x
+  bx -> x
+  cx -> x
+  ay -> 0:y
+  by -> y
+  cy -> y
+  probe x_off = r*cos(a.q) + s*cos(b.q) - k*cos(c.q) - (r*cos(1) + s*cos(0.6) - k*cos(1.5))
+  probe y_off = r*sin(a.q) + s*sin(b.q) - k*sin(c.q) - (r*sin(1) + s*sin(0.6) - k*sin(1.5))
+}";
+
+#[test]
+fn positions_stay_over_many_steps() {
+    for (method, most) in [("gonzalez", 1e-12), ("collocation8", 1e-10)] {
+        let compiled = with(Options::new().method(method), FOUR_BAR);
+        let mut sim = start(&compiled, Steps::fixed(0.01));
+        advance(&mut sim, 1000.0);
+        for what in ["x_off", "y_off"] {
+            close(1.0 + probe(&mut sim, what), 1.0, most, &format!("{what} by {method}"));
+        }
+        assert!(sim.summary().worst_step < 1e-12 && sim.summary().passive, "{method}");
+    }
+}
+
+/// A knife edge on a plane ties the speed across it to nothing: no position follows from it. A bar's pin does.
+#[test]
+fn what_ties_speeds_alone_is_told() {
+    let knife = "
+model Knife {
+  C:turn { H = 0; q0 = 0.3 rad }
+  C:x { H = 0 }
+  C:y { H = 0 }
+  I:mx { inertia = 1 kg; f0 = 1 m/s }
+  I:my { inertia = 2 kg }
+  I:spin { inertia = 0.1 kg*m^2; f0 = 1 rad/s }
+  TF:across = -sin(turn.q)
+  TF:beside = cos(turn.q)
+  1:vx -> mx, x, across
+  1:vy -> my, y, beside
+  1:w -> spin, turn
+  across -> 0:side
+  beside -> side
+}";
+    for (text, wanted) in [(knife, "speeds alone"), (FOUR_BAR, "(holonomic")] {
+        let form = with(Options::new(), text).show("phs");
+        assert!(form.contains(wanted), "{form}");
+    }
+}

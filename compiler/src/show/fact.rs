@@ -2,7 +2,11 @@
 
 use super::matrix::{Explicit, Matrix};
 use super::size::SIZES;
-use super::{equation::Equations, name};
+use super::{
+    equation::Equations,
+    holonomic::{self, Kind},
+    name,
+};
 use crate::expression::{Expr, Pool};
 use crate::model::{Law, Model};
 use crate::structure::{Form, Region, Role};
@@ -170,12 +174,18 @@ pub(super) fn lines(
     }
     for (id, _) in region.resistors.iter().filter(|(c, _)| form.column(*c).role == Role::Constraint) {
         let zero = form.input(&mut model.pool, *id);
+        let kind = holonomic::kind(&mut model.pool, form, *id);
         let e = model.element(form.column(*id).element);
         let zero = name::expression(&model.pool, zero);
         lines.push(if e.is_massless() {
             format!("{} has no inertia: 0 = {zero}", e.name)
         } else {
-            format!("a multiplier at {} has 0 = {zero}", e.name)
+            let what = match kind {
+                Some(Kind::Holonomic) => " (holonomic: positions keep it too)",
+                Some(Kind::SpeedsAlone) => " (no rate of a function of positions: it ties speeds alone)",
+                None => "",
+            };
+            format!("a multiplier at {} has 0 = {zero}{what}", e.name)
         });
     }
     for (members, solved) in &equations.loops {

@@ -9,6 +9,7 @@ mod dot;
 mod equation;
 mod fact;
 mod graph;
+mod holonomic;
 mod json;
 mod json_form;
 mod latex;

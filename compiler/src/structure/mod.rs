@@ -556,6 +556,14 @@ impl Form {
         row.binary_search_by_key(&column, |t| t.0).ok().map(|i| row[i].1)
     }
 
+    /// Has another coefficient where there is one.
+    pub(crate) fn set_entry(&mut self, row: ColumnId, column: ColumnId, coefficient: Expr) {
+        let row = &mut self.columns[row.at()].row;
+        if let Ok(i) = row.binary_search_by_key(&column, |t| t.0) {
+            row[i].1 = coefficient;
+        }
+    }
+
     /// Checks that D is skew: symbolically, and where that does not decide, at points.
     ///
     /// # Errors

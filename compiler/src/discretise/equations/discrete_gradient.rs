@@ -19,11 +19,7 @@ const FAR: usize = 16;
 pub(crate) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<Symbol, Expr> {
     let mut map = FxHashMap::default();
     let half = pool.ratio(1, 2);
-    for (s, d) in c.states.iter().zip(&c.delta) {
-        let (x, d) = (pool.var(s.symbol), pool.var(*d));
-        let d = pool.mul(half, d);
-        map.insert(s.symbol, pool.add(x, d));
-    }
+    states_within(c, pool, half, &mut map);
     source_driven(c, pool, form, &mut map);
     let sources: FxHashSet<Symbol> = c.nodes.iter().filter(|n| n.source().is_some()).map(|n| n.out).collect();
     let gradients: Vec<Vec<Expr>> = c.groups.iter().map(|g| gradient(c, pool, g, (&map, &sources))).collect();
@@ -34,18 +30,37 @@ pub(crate) fn midpoint(c: &Cluster, pool: &mut Pool, form: &Form) -> FxHashMap<S
             }
         }
     }
-    // What is sampled has time, as all that it is given, from its sample.
-    if let (Some(t), Some(h), None) = (c.time, c.h, c.sampling) {
-        let (te, he) = (pool.var(t), pool.var(h));
-        let he = pool.mul(half, he);
-        map.insert(t, pool.add(te, he));
-        for &(_, u, du) in &c.inputs {
-            let (ue, due) = (pool.var(u), pool.var(du));
-            let ahead = pool.mul(he, due);
-            map.insert(u, pool.add(ue, ahead));
-        }
-    }
+    time_within(c, pool, half, &mut map);
     map
+}
+
+/// States, time and inputs at a part of the straight way that a step takes.
+pub(crate) fn within(c: &Cluster, pool: &mut Pool, part: Expr) -> FxHashMap<Symbol, Expr> {
+    let mut map = FxHashMap::default();
+    states_within(c, pool, part, &mut map);
+    time_within(c, pool, part, &mut map);
+    map
+}
+
+fn states_within(c: &Cluster, pool: &mut Pool, part: Expr, map: &mut FxHashMap<Symbol, Expr>) {
+    for (s, d) in c.states.iter().zip(&c.delta) {
+        let (x, d) = (pool.var(s.symbol), pool.var(*d));
+        let d = pool.mul(part, d);
+        map.insert(s.symbol, pool.add(x, d));
+    }
+}
+
+/// What is sampled has time, as all that it is given, from its sample.
+fn time_within(c: &Cluster, pool: &mut Pool, part: Expr, map: &mut FxHashMap<Symbol, Expr>) {
+    let (Some(t), Some(h), None) = (c.time, c.h, c.sampling) else { return };
+    let (te, he) = (pool.var(t), pool.var(h));
+    let he = pool.mul(part, he);
+    map.insert(t, pool.add(te, he));
+    for &(_, u, du) in &c.inputs {
+        let (ue, due) = (pool.var(u), pool.var(du));
+        let ahead = pool.mul(he, due);
+        map.insert(u, pool.add(ue, ahead));
+    }
 }
 
 /// The discrete gradient of a group's energy.

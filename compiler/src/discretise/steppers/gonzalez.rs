@@ -12,6 +12,7 @@ use crate::discretise::equations::{
     angle_addition, constraints, discrete_gradient, exact_coefficients, inputs, ledger, newton,
 };
 use crate::discretise::steppers::label::{Label, Refusal, Step};
+use crate::discretise::steppers::mean_ratios::MeanRatios;
 use crate::discretise::steppers::predictor::{self, Predictor};
 use crate::expression::Lowering;
 use crate::model::Model;
@@ -41,11 +42,15 @@ pub(crate) fn write(
     let entries = c.reserve(model, &mut b, form);
     let inputs = inputs::inputs(&mut b, c, form, model);
     let mut lowering = Lowering::new(inputs.env.iter().copied());
+    let ratios = MeanRatios::of(c, model, form);
+    // What the step's equations are of; `c` and `form` are what holds at an instant.
+    let (over, over_form) = ratios.as_ref().map_or((c, form), |r| (&r.cluster, &r.form));
     let mut map = discrete_gradient::midpoint(c, &mut model.pool, form);
+    map.extend(ratios.iter().flat_map(|r| r.means.iter().copied()));
     let sources = inputs::sources(c, &mut model.pool, &mut map, |name| format!("{name} in the middle"));
     inputs::bind(model, &mut b, &mut lowering, &sources)?;
-    let flat = c.flat(&mut model.pool, map);
-    let (unknowns, mut residuals) = discrete_gradient::system(c, &mut model.pool, &flat);
+    let flat = over.flat(&mut model.pool, map);
+    let (unknowns, mut residuals) = discrete_gradient::system(over, &mut model.pool, &flat);
     let symbols = c.states.iter().map(|s| s.symbol).collect();
     angle_addition::angles(model, &mut b, &mut lowering, &c.energies(), &symbols)?;
     let whole = discrete_gradient::keeps_coefficients(c, &mut model.pool);
@@ -119,7 +124,7 @@ pub(crate) fn write(
     let projected = constraints::project(c, (model, form), &mut b, (&inputs, &loops), ends)?;
     let projected = projected.as_ref();
     let stages = [(1.0, &flat)];
-    ledger::ledger(c, model, form, &mut b, &mut lowering, &stages, &entries, (inputs.h, projected))?;
+    ledger::ledger(c, model, over_form, &mut b, &mut lowering, &stages, &entries, (inputs.h, projected))?;
     let first = b.slots(Array::Next, c.slots()).index as usize;
     match &predictor {
         Some(predictor) => predictor.keep(&mut b, c, &changes),

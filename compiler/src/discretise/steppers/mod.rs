@@ -9,6 +9,7 @@ pub(crate) mod exact;
 pub(crate) mod explicit;
 pub(crate) mod gonzalez;
 pub(crate) mod label;
+mod mean_ratios;
 pub(crate) mod predictor;
 pub(crate) mod ray;
 pub(crate) mod sav;
