@@ -1,6 +1,7 @@
 //! The lengths of a run's steps.
 
 use crate::failure::RunError;
+use bond_compiler::discretise::DEFAULT_TOLERANCE;
 use bond_compiler::model::Settings;
 use bond_runtime::simulate;
 
@@ -74,7 +75,7 @@ impl StepsInternals for Steps {
         let bound = |x: f64| if stop > 0.0 { x.min(stop) } else { x };
         let longest = self.longest.map(bound);
         match (step, tolerance) {
-            (None, None) => tolerance = Some(1e-6),
+            (None, None) => tolerance = Some(DEFAULT_TOLERANCE),
             // With a tolerance, a step can only be the longest one.
             (Some(h), Some(_)) => {
                 step = None;

@@ -39,15 +39,17 @@ pub struct ChoiceThresholds {
     /// pendulum, Kepler. A region with kinks takes order 8 or none above 2: longer steps may pass over what a kink
     /// brings, such as the pulse of a diode.
     pub order_8: f64,
-    /// The same of a region with non-smooth laws. One with exponentials, which may be driven hard, takes `radau` above.
+    /// The same of a region with non-smooth laws.
     pub corners: f64,
+    /// Tolerance above which a region with exponentials, which may be driven hard, takes `radau`.
+    pub exponentials: f64,
     /// Tolerance from which down a large region takes order 6.
     pub large: f64,
 }
 
 impl Default for ChoiceThresholds {
     fn default() -> Self {
-        Self { order_2: 1e-3, order_8: 1e-5, corners: 1e-7, large: 1e-6 }
+        Self { order_2: 1e-3, order_8: 1e-5, corners: 1e-6, exponentials: 1e-7, large: 1e-6 }
     }
 }
 

@@ -15,7 +15,7 @@ use serde::de::DeserializeOwned;
 use thiserror::Error;
 
 /// Version of what is inside; it changes with every change of the types that are written.
-pub const FORMAT: u32 = 28;
+pub const FORMAT: u32 = 29;
 /// Length of the head, bytes.
 pub const HEAD: usize = 28;
 

@@ -78,10 +78,8 @@ pub struct Watched {
 pub struct Made {
     /// How long steps of continuous regions would be, s.
     pub pace: f64,
-    /// The error to which they would be fitted, relative, where one was said.
+    /// The error to which they would be fitted, relative, where they are not of one length.
     pub tolerance: Option<f64>,
-    /// Whether they would be fitted to an error at all, or else of one length.
-    pub fitted: bool,
 }
 
 /// What of a model does not run, by name.
@@ -155,6 +153,8 @@ pub struct Region {
 pub struct Properties {
     /// The order of its error; 0 where it has none.
     pub order: u32,
+    /// The order of the method that a step is compared with, where that is far below its own; else 0.
+    pub estimated: u32,
     /// How many stages a step has; 0 where it has none, as the matrix exponential.
     pub stages: u32,
     /// Whether a step follows from rates alone, without equations to solve.
@@ -173,6 +173,7 @@ impl Properties {
     /// Nothing known.
     pub const NONE: Properties = Properties {
         order: 0,
+        estimated: 0,
         stages: 0,
         explicit: false,
         symmetric: false,
@@ -180,6 +181,11 @@ impl Properties {
         stiffly_accurate: false,
         passive: false,
     };
+
+    /// The power of a step's length that its estimated error goes with.
+    pub fn error_exponent(&self) -> u32 {
+        1 + if self.estimated > 0 { self.estimated } else { self.order }
+    }
 
     /// Whether a step solves for several stages at once.
     fn couples_stages(&self) -> bool {
@@ -210,8 +216,8 @@ pub struct Stepper {
     /// One step.
     pub program: Program,
     /// The first of the outputs of `program` that estimate the error of the step, absolute and in the unit of each: of
-    /// the energy and signal states, then of the integrals. The estimate is of the order of a method one order below.
-    /// Without one, adaptive steps are doubled.
+    /// the energy and signal states, then of the integrals. It is that of a method one order below, or of
+    /// [`Properties::estimated`]. Without one, adaptive steps are doubled.
     pub estimate: Option<usize>,
     /// The output of `program` that tells how stiff the step before was: its length times the largest eigenvalue of the
     /// region, about. Where it says that stability bounds the steps, `fallback` takes over.

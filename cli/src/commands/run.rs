@@ -151,11 +151,7 @@ impl How {
     /// A state that cannot be read.
     pub fn made_for(&self, options: bond::Options) -> Result<bond::Options, Stop> {
         if let Some(made) = self.resume.as_deref().map(checkpoint::made).transpose()?.flatten() {
-            let accuracy = match (made.tolerance, made.fitted) {
-                (Some(x), _) => Accuracy::Tolerance(x),
-                (None, true) => Accuracy::Fitted,
-                (None, false) => Accuracy::Fixed,
-            };
+            let accuracy = made.tolerance.map_or(Accuracy::Fixed, Accuracy::Tolerance);
             return Ok(options.accuracy(accuracy).step(made.pace));
         }
         let accuracy = match (self.step, self.tolerance) {

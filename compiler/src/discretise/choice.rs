@@ -13,34 +13,39 @@ use crate::structure::Form;
 use crate::thresholds::ChoiceThresholds;
 use bond_grammar::diagnostic::Diagnostic;
 
+/// The error of a step, relative, where neither the run nor the model says one, nor a step.
+pub const DEFAULT_TOLERANCE: f64 = 1e-6;
+
 /// What was asked of a run's accuracy besides the method.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Accuracy {
-    /// What the model's `simulate` says.
+    /// What the model's `simulate` says; [`DEFAULT_TOLERANCE`] if it says nothing.
     #[default]
     AsModel,
-    /// Steps are fitted to the usual tolerance.
-    Fitted,
-    /// Nothing: steps are of a fixed length.
+    /// Steps are of a fixed length.
     Fixed,
-    /// Nothing: steps are of a fixed length, and none is cut where a law switches, as in a program of its own.
+    /// Steps are of a fixed length, and none is cut where a law switches, as in a program of its own.
     Uncut,
     /// Steps are fitted to this tolerance.
     Tolerance(f64),
 }
 
 impl Accuracy {
-    /// Whether steps are as long as their error lets them be.
-    pub fn is_fitted(self) -> bool {
-        matches!(self, Accuracy::AsModel | Accuracy::Fitted | Accuracy::Tolerance(_))
+    /// What it comes to where the model's `simulate` says a tolerance or a step, or the run a step.
+    pub(crate) fn of_model(self, tolerance: Option<f64>, step: Option<f64>) -> Self {
+        match (self, tolerance, step) {
+            (Accuracy::AsModel, Some(x), _) => Accuracy::Tolerance(x),
+            (Accuracy::AsModel, None, Some(_)) => Accuracy::Fixed,
+            (Accuracy::AsModel, None, None) => Accuracy::Tolerance(DEFAULT_TOLERANCE),
+            (other, _, _) => other,
+        }
     }
 
-    /// The tolerance, where one was said.
-    pub fn tolerance(self, model: Option<f64>) -> Option<f64> {
+    /// The tolerance that steps are fitted to, if they are.
+    pub(crate) fn tolerance(self) -> Option<f64> {
         match self {
-            Accuracy::AsModel => model,
-            Accuracy::Fitted | Accuracy::Fixed | Accuracy::Uncut => None,
             Accuracy::Tolerance(x) => Some(x),
+            Accuracy::AsModel | Accuracy::Fixed | Accuracy::Uncut => None,
         }
     }
 }
@@ -136,8 +141,17 @@ impl Facts<'_> {
             && Projection::of(self.c, self.model, self.form).is_ok()
     }
 
+    fn has_energy(&self) -> bool {
+        !self.c.groups.is_empty()
+    }
+
     fn follows_source(&self) -> bool {
         !self.c.driving_sources.is_empty()
+    }
+
+    /// Whether steps are fitted to a tolerance.
+    fn is_fitted(&self) -> bool {
+        self.tolerance.is_some()
     }
 
     /// Whether steps are fitted to a tolerance of at most this.
@@ -160,15 +174,13 @@ struct Rule {
 /// Why a linear cluster that `exact` would cut its steps for is not stepped by that.
 pub(crate) const UNCUT: &str = "a source switches, and no step of it is cut there";
 
-const RULES: [Rule; 20] = [
+const RULES: [Rule; 22] = [
     // Of an odd number of stages: what is stiff and was set off by a jump of the source is damped at last. Not of what
     // is sampled, in intervals that are short beside what moves.
     Rule {
         take: Method::Collocation6,
         because: "it is linear, but for a source that `exact` does not follow",
-        when: |f| {
-            f.accuracy.is_fitted() && f.exact.as_ref().is_some_and(|e| e.strays) && f.is_small() && f.c.ports.is_empty()
-        },
+        when: |f| f.is_fitted() && f.exact.as_ref().is_some_and(|e| e.strays) && f.is_small() && f.c.ports.is_empty(),
     },
     Rule {
         take: Method::Gonzalez,
@@ -201,7 +213,7 @@ const RULES: [Rule; 20] = [
         take: Method::Radau,
         because: "it has exponentials, and a step must see where on them it ends",
         when: |f| {
-            f.damps() && f.accuracy.is_fitted() && !f.is_within(f.by.corners) && !f.c.exponential_arguments().is_empty()
+            f.damps() && f.is_fitted() && !f.is_within(f.by.exponentials) && !f.c.exponential_arguments().is_empty()
         },
     },
     Rule {
@@ -218,18 +230,25 @@ const RULES: [Rule; 20] = [
         when: |f| f.follows_source() && f.is_linear(),
     },
     Rule {
+        take: Method::Collocation8,
+        because: "it is linear and large, and the tolerance asks for order 8",
+        when: |f| !f.is_small() && f.is_linear() && f.all_quadratic() && f.has_energy() && f.is_within(f.by.order_2),
+    },
+    Rule {
         take: Method::Gonzalez,
         because: "it is linear, and large",
-        when: |f| !f.is_small() && f.is_linear() && f.all_quadratic(),
+        when: |f| !f.is_small() && f.is_linear() && f.all_quadratic() && f.has_energy(),
     },
-    // Where samples come far faster than anything moves, one implicit step is cheaper than twelve stages.
+    // No energy is there to be kept, so what damps may go on.
+    Rule {
+        take: Method::Projected8,
+        because: "it is smooth; where a step finds it stiff, `radau` goes on",
+        when: |f| !f.has_energy() && f.is_within(f.by.order_2) && f.is_smooth(),
+    },
     Rule {
         take: Method::Projected8,
         because: "it is smooth; where a step finds it stiff, `collocation8` goes on",
-        when: |f| {
-            let asked = f.tolerance.map_or(f.c.ports.is_empty(), |t| t <= f.by.order_2);
-            f.accuracy.is_fitted() && asked && f.is_smooth()
-        },
+        when: |f| f.is_within(f.by.order_2) && f.is_smooth(),
     },
     Rule { take: Method::Gonzalez, because: "it is not linear", when: |f| !f.is_within(f.by.order_2) },
     Rule {
@@ -396,7 +415,9 @@ mod tests {
             Accuracy::Fixed,
         ),
         ("model M { Se:u = 10 V * sin(100 Hz * t)  C:c = 1 uF  u -> c }", Accuracy::Tolerance(1e-4)),
+        (LADDER, Accuracy::AsModel),
         (LADDER, Accuracy::Fixed),
+        ("model M { state x = 1 { dx = -x^2*1 Hz } }", Accuracy::AsModel),
         (PENDULUM, Accuracy::Tolerance(1e-6)),
         (PENDULUM, Accuracy::Fixed),
         (CHAIN_WITH_KINKS, Accuracy::Tolerance(1e-4)),

@@ -9,7 +9,7 @@ mod steppers;
 
 pub(crate) use assembly::probes::mixed;
 pub use assembly::switching::{Switching, is_uncut, switching};
-pub use choice::Accuracy;
+pub use choice::{Accuracy, DEFAULT_TOLERANCE};
 pub use steppers::Method;
 
 use crate::Options;
@@ -57,11 +57,8 @@ pub fn discretise(
     method: Option<Method>,
     (accuracy, step): (Accuracy, Option<f64>),
 ) -> Result<Scene, Vec<Diagnostic>> {
-    let tolerance = accuracy.tolerance(model.settings.tolerance);
-    let accuracy = match accuracy {
-        Accuracy::AsModel if tolerance.is_none() && step.or(model.settings.step).is_some() => Accuracy::Fixed,
-        other => other,
-    };
+    let accuracy = accuracy.of_model(model.settings.tolerance, step.or(model.settings.step));
+    let tolerance = accuracy.tolerance();
     let mut clusters = partition::partition(model, form, method.is_some_and(|m| !m.is_for_continuous()));
     for c in &mut clusters {
         c.thresholds = model.settings.thresholds;
@@ -85,7 +82,7 @@ pub fn discretise(
     let energy = sizes.energy;
     let asked = Asked { method, tolerance, accuracy, energy };
     let place = |s: Symbol| places.get(&s).copied();
-    let made = Made { pace: model.settings.pace, tolerance, fitted: accuracy.is_fitted() };
+    let made = Made { pace: model.settings.pace, tolerance };
     let mut scene =
         Scene { name: model.name.clone(), excluded: excluded(model, form), made, energy, ..Scene::default() };
     for (i, (c, sizes)) in clusters.iter_mut().zip(sizes.states).enumerate() {

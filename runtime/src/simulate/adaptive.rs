@@ -221,7 +221,6 @@ impl Fitted<'_> {
     fn find_step(&mut self, t: f64, end: Option<f64>) -> Result<(f64, bool), Error> {
         let o = self.fit.numeric.controller;
         let (tolerance, longest, mut control) = (self.fit.tolerance, self.fit.longest, self.fit.control);
-        let order = f64::from(self.c.step.properties.order + 1);
         let mut begins = t > 0.0 && control.began == t;
         let end = self.begin_step(t, (end, begins), &mut control)?;
         let (mut last_failure, mut refused) = (None, None::<Attempt>);
@@ -229,12 +228,14 @@ impl Fitted<'_> {
         let (mut failures, mut off, mut endless) = (0, None::<f64>, false);
         let shortest = match self.c.has_exponentials {
             true => o.min_step_exponential * usual,
-            false => (o.time_resolution * t.abs()).max(o.min_step * usual),
+            // What is stiff may begin far faster than it goes on.
+            false => (o.time_resolution * t.abs()).max(o.min_step * usual.min(t.abs().max(o.min_step * usual))),
         };
         let unsolved = shortest.max(o.min_step * control.ahead.min(longest).min(usual));
         let (smallest, result) = loop {
             // What is stiff is the fallback's, and what one of the two cannot step the other's.
             self.fit.spare = (failures >= o.max_own_failures) != control.stiff;
+            let order = f64::from(self.at_work().properties.error_exponent());
             let h = control.ahead.min(longest);
             let aimed = control.aimed((t, h), (shortest.max(self.fit.numeric.events.start * usual), longest), &o);
             let aims = aimed.is_some();

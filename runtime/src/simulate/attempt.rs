@@ -7,7 +7,7 @@ use super::trial::{Taken, is_stateless};
 use crate::energy::{AccountPlaces, Ledger};
 use crate::ir::{Array, Slot};
 use crate::kernel::Failure;
-use crate::scene::Entries;
+use crate::scene::{Entries, Stepper};
 
 /// The largest energy so far, above the least that there is, J.
 fn above(ledger: &Ledger, p: &AccountPlaces, e: &Entries) -> f64 {
@@ -239,12 +239,7 @@ impl Fitted<'_> {
         let fit = &*self.fit;
         let o = &fit.numeric.error;
         let h_max = self.above();
-        let order = if fit.spare {
-            self.c.step.fallback.as_ref().map_or(1, |f| f.properties.order)
-        } else {
-            self.c.step.properties.order
-        };
-        let raised = 2f64.powi(order as i32);
+        let raised = 2f64.powi(self.at_work().properties.order as i32);
         let part = if whole || near { raised } else { 1.0 } / (raised - 1.0).max(1.0);
         // Divided is what is worse than all before.
         let mut tell = |worst: usize, off: f64, before: f64, now: f64| {
@@ -270,13 +265,13 @@ impl Fitted<'_> {
             let (before, size) = match i.checked_sub(self.c.states) {
                 None => {
                     let root = if scale.heat { root } else { cool };
-                    let before = self.run.largest[i].max(apart * root * scale.natural);
+                    let largest = self.run.largest[i].max(apart * root * scale.natural);
+                    // What no energy measures counts by its own size, as it is now.
+                    let measured = scale.natural > 0.0;
+                    let before = if measured { largest } else { self.run.state[i].abs().max(apart * largest) };
                     // What an explicit step has thrown far off is no size: beside it, its own error is small.
-                    let most = if self.c.step.properties.passive || before == 0.0 {
-                        f64::INFINITY
-                    } else {
-                        o.max_state_growth * before
-                    };
+                    let is_bounded = self.c.step.properties.passive && measured;
+                    let most = if is_bounded || largest == 0.0 { f64::INFINITY } else { o.max_state_growth * largest };
                     (before, x.abs().min(most).max(before))
                 }
                 // An integral is measured against all that went into it and out of it.
@@ -303,7 +298,12 @@ impl Fitted<'_> {
 
     /// The first of the outputs by which the step that is at work estimates its own error, where it does.
     fn estimate_at(&self) -> Option<usize> {
-        self.c.step.estimate.filter(|_| !self.fit.spare)
+        self.at_work().estimate
+    }
+
+    /// The stepper that takes the step.
+    pub(super) fn at_work(&self) -> &Stepper {
+        self.c.step.fallback.as_deref().filter(|_| self.fit.spare).unwrap_or(&self.c.step)
     }
 
     /// Whether a step is compared with its halves: where it does not estimate its own error, or has no state to do so.
@@ -339,7 +339,7 @@ impl Fitted<'_> {
         };
         into.h = h;
         into.next.copy_from_slice(&work.next);
-        // Another stepper that takes the step estimates no error.
+        // Another stepper that takes the step may say less of it.
         let n = into.output.len().min(work.output.len());
         into.output[..n].copy_from_slice(&work.output[..n]);
         Ok(())

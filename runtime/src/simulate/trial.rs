@@ -15,7 +15,8 @@ pub(super) struct Taken {
 impl Taken {
     pub(super) fn new(c: &Cluster) -> Self {
         let program = c.branch().map_or(&c.step.program, |b| &b.program);
-        Self { h: 0.0, next: c.initial.clone(), output: vec![0.0; program.size(Array::Output)] }
+        let fallback = c.step.fallback.as_ref().map_or(0, |f| f.program.size(Array::Output));
+        Self { h: 0.0, next: c.initial.clone(), output: vec![0.0; program.size(Array::Output).max(fallback)] }
     }
 }
 

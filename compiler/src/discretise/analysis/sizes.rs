@@ -33,8 +33,9 @@ struct AtStart {
 /// Energies are as large as the largest that is stored at the start, or that the efforts and flows which drive a
 /// storage would store in it in a usual step (or until it turns, if that is sooner) if none of them held another. An
 /// input that is 0 counts as 1 of its unit, since what it will be is not known. A state is as large as what that energy
-/// moves it by. A signal or an integral is as large as its change in a usual step, where all states are of their sizes.
-/// All are 0 where nothing drives anything.
+/// moves it by. An integral is as large as its change in a usual step, where all states are of their sizes; so is a signal
+/// state, but for no longer than the fastest state of its cluster goes on as it begins. All are 0 where nothing drives
+/// anything.
 pub(crate) fn sizes(clusters: &[Cluster], model: &mut Model, form: &Form) -> Sizes {
     let starts: Vec<AtStart> = clusters.iter().map(|c| at_start(c, model, form)).collect();
     let energy = clusters.iter().zip(&starts).map(|(c, start)| energy(c, model, start)).fold(0.0, f64::max);
@@ -99,7 +100,8 @@ fn states(c: &Cluster, model: &Model, start: &AtStart, energy: f64) -> Vec<f64> 
     for (size, k) in sizes.iter_mut().zip(&start.curvatures).filter(|(_, k)| **k > 0.0) {
         *size = (2.0 * energy / k).sqrt();
     }
-    let has_energy: Vec<bool> = sizes.iter().map(|x| *x > 0.0).collect();
+    let fastest = start.spans.iter().copied().fold(start.step, f64::min);
+    let n = c.states.len();
     for _ in 0..MAX_DEPTH {
         let place: FxHashMap<Symbol, f64> = symbols.iter().copied().zip(sizes.iter().copied()).collect();
         let at = |s: Symbol| {
@@ -107,8 +109,11 @@ fn states(c: &Cluster, model: &Model, start: &AtStart, energy: f64) -> Vec<f64> 
             place.get(&s).map_or(known, |size| size.max(known.abs()))
         };
         let rates = model.pool.magnitudes(&start.rates, &at);
-        for ((size, rate), _) in sizes.iter_mut().zip(rates).zip(&has_energy).filter(|(_, has)| !**has) {
-            let moved = rate * start.step;
+        // The size of a signal state is kept once it is known: with what it drives in turn it would grow without end.
+        for (i, (size, rate)) in
+            sizes.iter_mut().zip(rates).enumerate().filter(|(i, (size, _))| *i >= n || **size == 0.0)
+        {
+            let moved = rate * if i < n { fastest } else { start.step };
             *size = if moved.is_finite() { moved } else { 0.0 };
         }
     }

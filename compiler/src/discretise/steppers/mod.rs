@@ -116,8 +116,18 @@ const fn gauss(stages: u32) -> Properties {
 const COLLOCATION8: Label = Label { name: "collocation8", properties: gauss(4), fallback: None };
 
 /// Those of Radau IIA of 3 stages.
-const RADAU: Properties =
-    Properties { order: 5, stages: 3, l_stable: true, stiffly_accurate: true, passive: true, ..Properties::NONE };
+const RADAU: Label = Label {
+    name: "radau",
+    properties: Properties {
+        order: 5,
+        stages: 3,
+        l_stable: true,
+        stiffly_accurate: true,
+        passive: true,
+        ..Properties::NONE
+    },
+    fallback: None,
+};
 
 table! {
     /// The matrix exponential, for linear regions.
@@ -140,7 +150,7 @@ table! {
     Collocation12: Row::implicit("collocation12", gauss(6), |l, c, m, f| collocation::step(l, c, m, f, Nodes::Gauss(6)))
         .or(&GONZALEZ);
     /// Radau IIA of 3 stages, which damps what is stiff.
-    Radau: Row::implicit("radau", RADAU, |l, c, m, f| collocation::step(l, c, m, f, Nodes::Radau));
+    Radau: Row::implicit(RADAU.name, RADAU.properties, |l, c, m, f| collocation::step(l, c, m, f, Nodes::Radau));
     /// Linearly implicit with a quadratised energy: one linear solve.
     Sav: Row::implicit("sav", MIDPOINT, sav::step);
     /// The paper's own, for sampled regions.

@@ -24,6 +24,7 @@
 
 mod complex;
 mod decouple;
+mod filtered_error;
 mod modes;
 pub(crate) mod tableau;
 
@@ -514,14 +515,13 @@ pub(crate) fn step(
     Ok(write(c, model, form, (label, nodes, true), decoupled.as_ref())?)
 }
 
-/// The step of 4 stages of a cluster that another stepper steps, for what that cannot. It keeps nothing.
+/// The step of a cluster that another stepper steps, for what that cannot. It keeps nothing.
 pub(crate) fn write_fallback(
-    label: Label,
+    (label, nodes): (Label, Nodes),
     c: &Cluster,
     model: &mut Model,
     form: &Form,
 ) -> Result<Step, Vec<Diagnostic>> {
-    let nodes = Nodes::Gauss(4);
     let decoupled = Decoupled::new(c, model, form, nodes);
     write(c, model, form, (label, nodes, false), decoupled.as_ref())
 }
@@ -599,11 +599,12 @@ fn write(
         b.store(Slot::new(Array::Next, i), *v);
         b.store(Slot::new(Array::Next, c.carry_at() + i), *rest);
     }
+    let mut integrands = Vec::new();
     for (i, (integral, start)) in c.integrals.iter().zip(&inputs.integrals).enumerate() {
-        let mut terms = Vec::new();
-        for (flat, w) in plan.flats.iter().zip(&tableau.weights) {
-            terms.push((model.pool.substitute(integral.rate, flat), Number::float(w.high)));
-        }
+        let rates: Vec<Expr> = plan.flats.iter().map(|flat| model.pool.substitute(integral.rate, flat)).collect();
+        integrands.push(rates.clone());
+        let weights = tableau.weights.iter().map(|w| Number::float(w.high));
+        let terms: Vec<(Expr, Number)> = rates.into_iter().zip(weights).collect();
         let mean = model.pool.combine(&terms);
         let mean = value(model, &mut b, mean)?;
         let mut change = b.mul(inputs.h, mean);
@@ -629,13 +630,19 @@ fn write(
     let over = (inputs.h, projected.as_ref());
     ledger::ledger(c, model, form, &mut b, &mut lowering, &stages, &entries, over)?;
     ledger::energies(c, (model, form), &mut b, (&next, &rests), &inputs, &entries)?;
+    let mut estimate = None;
+    if nodes == Nodes::Radau {
+        let stages = (&found[..], &integrands[..]);
+        estimate = filtered_error::store(c, (model, form), (&mut b, &mut lowering), tableau, &inputs, stages)?;
+    }
     let program = verified(model, b.finish())?;
     // Linear equations need no other stepper.
     let fallback = label.fallback.filter(|_| linear.is_none());
     let fallback = fallback.map(|label| gonzalez::write(*label, c, model, form, false)).transpose()?;
     let fallback = fallback.map(|step| Box::new(step.0));
-    let label = Label { properties: Properties { passive, ..label.properties }, ..label };
-    Ok((Stepper { fallback, ..label.stepper(program) }, entries))
+    let estimated = if estimate.is_some() { filtered_error::ORDER } else { 0 };
+    let label = Label { properties: Properties { passive, estimated, ..label.properties }, ..label };
+    Ok((Stepper { fallback, estimate, ..label.stepper(program) }, entries))
 }
 
 /// Stores the change of each region's energy, by its discrete gradient and so without cancellation, and the sum of the

@@ -11,7 +11,8 @@ pub(crate) mod tableau;
 use crate::discretise::cluster::{Cluster, verified};
 use crate::discretise::equations::inputs::Inputs;
 use crate::discretise::equations::{constraints, inputs, ledger};
-use crate::discretise::steppers::collocation;
+use crate::discretise::steppers::RADAU;
+use crate::discretise::steppers::collocation::{self, tableau::Nodes};
 use crate::discretise::steppers::label::{Label, Refusal, Step};
 use crate::expression::{Expr, Lowering};
 use crate::model::{Model, Variable};
@@ -41,7 +42,10 @@ pub(crate) fn step(
         c.watched = true;
     }
     let (stepper, entries, _) = write(label, c, model, form, method, &[])?;
-    let fallback = label.fallback.map(|label| collocation::write_fallback(*label, c, model, form)).transpose()?;
+    // Where there is no energy to be kept, what damps goes on best.
+    let fallback =
+        label.fallback.map(|label| if c.groups.is_empty() { (RADAU, Nodes::Radau) } else { (*label, Nodes::Gauss(4)) });
+    let fallback = fallback.map(|with| collocation::write_fallback(with, c, model, form)).transpose()?;
     let fallback = fallback.map(|step| Box::new(step.0));
     Ok((Stepper { fallback, ..stepper }, entries))
 }
@@ -227,8 +231,9 @@ impl Write<'_> {
         let mut found = projection.project(c, (model, form), b, &mut stages.last, ends, &nets)?;
         let first = b.slots(Array::State, stiffness::memory(c)).index as usize;
         let (at_start, at_end) = (&stages.list[0].rates, &stages.list[stages.list.len() - 1].rates);
-        let told =
-            stiffness::Stages { first: (&inputs.states, at_start), last: (&stages.state, at_end), sizes: &found.sizes };
+        let states = (&inputs.states[..], &stages.state[..]);
+        let sizes = if c.groups.is_empty() { stiffness::own_sizes(b, states) } else { found.sizes.clone() };
+        let told = stiffness::Stages { first: (states.0, at_start), last: (states.1, at_end), sizes: &sizes };
         let (ratio, kept) = stiffness::ratio(b, &told, inputs.h, first);
         found.memory.extend(kept);
         Ok((found, ratio))

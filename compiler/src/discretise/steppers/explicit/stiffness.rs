@@ -8,7 +8,7 @@
 //!
 //! is about the step times the largest eigenvalue of the region, along which errors lie. Rates at the end are those of
 //! the next step's first stage, which tells it. In the norms each state counts by its largest effort, as in
-//! [`super::projection`]: all terms are energies, or powers.
+//! [`super::projection`]: all terms are energies, or powers. Where there is no energy, each counts by its own size.
 
 use crate::discretise::cluster::Cluster;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
@@ -16,6 +16,21 @@ use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
 /// How many numbers are kept: the state and the rates of the last stage, and the length of the step.
 pub(crate) fn memory(c: &Cluster) -> usize {
     2 * c.states.len() + 1
+}
+
+/// By what each state counts where no energy measures it: one over the larger of its values at the start and at the last
+/// stage.
+pub(crate) fn own_sizes(b: &mut Builder, (first, last): (&[Value], &[Value])) -> Vec<(usize, Value)> {
+    let (zero, one) = (b.number(0.0), b.number(1.0));
+    let mut sizes = Vec::new();
+    for (i, (x, y)) in first.iter().zip(last).enumerate() {
+        let [x, y] = [x, y].map(|v| b.unary(Unary::Abs, *v));
+        let size = b.binary(Binary::Max, x, y);
+        let is_known = b.binary(Binary::Lt, zero, size);
+        let inverse = b.div(one, size);
+        sizes.push((i, b.select(is_known, inverse, zero)));
+    }
+    sizes
 }
 
 /// What a step begins with and what its last stage found.
