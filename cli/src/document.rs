@@ -1,9 +1,9 @@
-//! What the models of a file say of themselves: docs, ports, parameters, probes.
+//! What the models of a file say of themselves: docs, ports, parameters, inputs, outputs, probes.
 
 use bond_compiler::elaborate::{Files, Loader, elaborate, load};
 use bond_compiler::model::{Kind, Model as Flat};
 use bond_compiler::units::Dimension;
-use bond_grammar::ast::{self, Chain, End, Expr, ExprKind, File, Item, Model, Statement, StatementKind};
+use bond_grammar::ast::{self, Chain, Definition, End, Expr, ExprKind, File, Item, Model, Statement, StatementKind};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources};
 use serde::Serialize;
@@ -30,6 +30,12 @@ pub struct Component {
     pub ports: Vec<Port>,
     /// Its parameters in order.
     pub parameters: Vec<Parameter>,
+    /// The signals that it is given, in order. The field is not written where there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub inputs: Vec<Parameter>,
+    /// The signals that others read of it, in order. The field is not written where there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub outputs: Vec<Probe>,
     /// What it gives to read.
     pub probes: Vec<Probe>,
 }
@@ -59,7 +65,7 @@ pub enum Arrow {
     Out,
 }
 
-/// A parameter.
+/// A parameter, or an input.
 #[derive(Serialize)]
 pub struct Parameter {
     /// Its name.
@@ -124,6 +130,8 @@ fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> C
         doc: model.docs.clone(),
         ports: Vec::new(),
         parameters: Vec::new(),
+        inputs: Vec::new(),
+        outputs: Vec::new(),
         probes: Vec::new(),
     };
     for p in &model.params {
@@ -142,24 +150,36 @@ fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> C
             let arrow = arrow(&model.body, &name.text);
             found.ports.push(Port { name: name.text.clone(), doc: s.docs.clone(), arrow, effort, flow });
         }
-        StatementKind::Probe(name, _) => {
-            let unit = flat.and_then(|f| f.probes.iter().find(|p| p.name == name.text)?.unit);
-            let unit = unit.map(|d| d.to_string());
-            found.probes.push(Probe { name: name.text.clone(), doc: s.docs.clone(), unit });
+        StatementKind::Probe(it) => found.probes.push(probe(flat, s, it)),
+        StatementKind::Output(it) => found.outputs.push(probe(flat, s, it)),
+        StatementKind::Input(it) => {
+            let known = flat.and_then(|f| f.inputs.iter().find(|i| i.name == it.name.text));
+            found.inputs.push(Parameter {
+                name: it.name.text.clone(),
+                doc: s.docs.clone(),
+                default: Some(sources.slice(it.value.span).to_string()),
+                unit: known.and_then(|i| i.unit).map(|d| d.to_string()).or_else(|| written(sources, &it.value)),
+                value: known.map(|i| i.value),
+            });
         }
         StatementKind::Element(_)
         | StatementKind::Chain(_)
         | StatementKind::Sampled(_)
         | StatementKind::For(_)
         | StatementKind::If(_)
-        | StatementKind::Input(..)
-        | StatementKind::Let(..)
+        | StatementKind::Let(_)
         | StatementKind::Function(_)
         | StatementKind::State(..)
         | StatementKind::Simulate(_)
         | StatementKind::Expect(_) => {}
     });
     found
+}
+
+/// A probe or an output, whose statement has its doc.
+fn probe(flat: Option<&Flat>, s: &Statement, it: &Definition) -> Probe {
+    let unit = flat.and_then(|f| f.probes.iter().find(|p| p.name == it.name.text)?.unit);
+    Probe { name: it.name.text.clone(), doc: s.docs.clone(), unit: unit.map(|d| d.to_string()) }
 }
 
 /// The unit of a default that is a number, as written.

@@ -527,6 +527,28 @@ pub struct Parameter {
     pub unit: Option<Dimension>,
 }
 
+/// Which way a signal of a part goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exchange {
+    /// An `input` that the instance binds.
+    Input,
+    /// An `output`.
+    Output,
+}
+
+/// A signal that a part is given, or gives.
+#[derive(Clone, Debug)]
+pub struct Exchanged {
+    /// Its path.
+    pub name: String,
+    /// Which way it goes.
+    pub way: Exchange,
+    /// What it is, as written: in the names around the instance if the part is given it, else in those of the part.
+    pub value: String,
+    /// Its unit; `None` where nothing reads it, or where its entries have several.
+    pub unit: Option<Dimension>,
+}
+
 /// A flat model.
 #[derive(Clone, Debug)]
 pub struct Model {
@@ -552,6 +574,8 @@ pub struct Model {
     pub inputs: Vec<Input>,
     /// Signal states in order of declaration.
     pub memories: Vec<Memory>,
+    /// The signals that parts are given and give, in order of declaration.
+    pub exchanged: Vec<Exchanged>,
     /// Probes in order of declaration.
     pub probes: Vec<Probe>,
     /// Expectations in order of declaration.

@@ -139,19 +139,32 @@ pub enum StatementKind {
     /// `if cond { ... } else { ... }`; `else if` is an `If` alone in the second block.
     If(If),
     /// `input u = 0 N`.
-    Input(Name, Expr),
+    Input(Definition),
+    /// `output u = expr`.
+    Output(Definition),
     /// `let x = expr`.
-    Let(Name, Expr),
+    Let(Definition),
     /// `let f(x) = expr`.
     Function(Function),
     /// `probe x = expr`.
-    Probe(Name, Expr),
+    Probe(Definition),
     /// `state z = z0 { dz = expr }`.
-    State(Name, Expr, Vec<Field>),
+    State(Definition, Vec<Field>),
     /// `simulate { stop = 10 s }`.
     Simulate(Vec<Field>),
     /// `expect ...`.
     Expect(Expect),
+}
+
+/// A name and what it stands for: `x = expr`, `x[i] = expr`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Definition {
+    /// The name.
+    pub name: Name,
+    /// `[i]`, `[i, j]`, `[i][j]`; empty for a plain name.
+    pub index: Vec<Expr>,
+    /// What stands behind the `=`.
+    pub value: Expr,
 }
 
 /// An element or an instance: `KIND(ports):name[index](args) = value`, or `{ fields }` in the place of the value.
@@ -436,10 +449,11 @@ pub fn each_statement<'a>(body: &'a [Statement], look: &mut dyn FnMut(&'a Statem
             StatementKind::Element(_)
             | StatementKind::Chain(_)
             | StatementKind::Port(..)
-            | StatementKind::Input(..)
-            | StatementKind::Let(..)
+            | StatementKind::Input(_)
+            | StatementKind::Output(_)
+            | StatementKind::Let(_)
             | StatementKind::Function(_)
-            | StatementKind::Probe(..)
+            | StatementKind::Probe(_)
             | StatementKind::State(..)
             | StatementKind::Simulate(_)
             | StatementKind::Expect(_) => {}

@@ -30,8 +30,8 @@ struct Open {
 pub(crate) fn is_strong_start(scan: &Scan, index: usize) -> bool {
     let (next, third) = (scan.word(index + 1), scan.word(index + 2));
     match scan.word(index) {
-        "let" => scan.is_name(index + 1) && matches!(third, "=" | "("),
-        "probe" | "input" | "state" => scan.is_name(index + 1) && third == "=",
+        "let" => scan.is_name(index + 1) && matches!(third, "=" | "(" | "["),
+        "probe" | "input" | "output" | "state" => scan.is_name(index + 1) && matches!(third, "=" | "["),
         "for" => scan.is_name(index + 1) && third == "in",
         "port" => scan.is_name(index + 1),
         "simulate" => next == "{",
@@ -112,7 +112,7 @@ impl Brackets {
                 "sample" | "sampled" | "sampling" if first => block = true,
                 "if" if starts => block = true,
                 "else" if index > 0 && scan.word(index - 1) == "}" => block = true,
-                "let" | "probe" | "input" | "state" | "port" | "simulate" | "expect"
+                "let" | "probe" | "input" | "output" | "state" | "port" | "simulate" | "expect"
                     if is_strong_start(scan, index) =>
                 {
                     block = false;

@@ -40,7 +40,7 @@ pub(crate) struct Refused {
 
 /// Words that begin a statement.
 const STATEMENTS: &[&str] =
-    &["let", "probe", "input", "state", "port", "for", "if", "sampled", "simulate", "expect", "active"];
+    &["let", "probe", "input", "output", "state", "port", "for", "if", "sampled", "simulate", "expect", "active"];
 
 /// A refused slice, and the place at which it was refused.
 struct Wreck<'a> {
@@ -181,7 +181,7 @@ impl<'a> Wreck<'a> {
     /// The token lies behind an `=` or in a bracket, so it belongs to an expression.
     fn in_value(&self, index: usize) -> bool {
         (self.range.start..index).any(|index| matches!(self.word(index), "=" | "(" | "{"))
-            || matches!(self.word(self.range.start), "let" | "probe" | "input" | "state" | "expect")
+            || matches!(self.word(self.range.start), "let" | "probe" | "input" | "output" | "state" | "expect")
     }
 
     /// The innermost bracket that is open at the place.
@@ -286,7 +286,7 @@ impl<'a> Wreck<'a> {
         let error = self.error("syntax::unexpected", self.at, message);
         if self.at > self.range.start && STATEMENTS.contains(&self.word(self.at)) {
             let word = self.word(self.at);
-            let name = if matches!(word, "let" | "probe" | "input" | "state") { " name =" } else { "" };
+            let name = if matches!(word, "let" | "probe" | "input" | "output" | "state") { " name =" } else { "" };
             return error.help(format!("complete the statement that `{word}` begins: `{word}{name} ...`"));
         }
         let start = self.range.start;

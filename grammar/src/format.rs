@@ -213,7 +213,7 @@ impl Layout<'_> {
         let after = match &statement.kind {
             StatementKind::Element(element) => element.fields.as_ref().map(|(_, span)| span.start),
             StatementKind::Port(name, fields) => (!fields.is_empty()).then_some(name.span.end),
-            StatementKind::State(_, value, _) => Some(value.span.end),
+            StatementKind::State(it, _) => Some(it.value.span.end),
             StatementKind::Simulate(_) => Some(statement.span.start),
             StatementKind::For(repeat) => Some(repeat.to.span.end),
             StatementKind::Sampled(Sampled { clock: Clock::At(value) | Clock::Every(value), .. }) => {
@@ -221,10 +221,11 @@ impl Layout<'_> {
             }
             StatementKind::If(choice) => Some(choice.condition.span.end),
             StatementKind::Chain(_)
-            | StatementKind::Input(..)
-            | StatementKind::Let(..)
+            | StatementKind::Input(_)
+            | StatementKind::Output(_)
+            | StatementKind::Let(_)
             | StatementKind::Function(_)
-            | StatementKind::Probe(..)
+            | StatementKind::Probe(_)
             | StatementKind::Expect(_) => None,
         };
         after.map(|after| self.braces(after))
@@ -354,10 +355,11 @@ impl Piece for Statement {
             | StatementKind::Port(..)
             | StatementKind::Sampled(_)
             | StatementKind::For(_)
-            | StatementKind::Input(..)
-            | StatementKind::Let(..)
+            | StatementKind::Input(_)
+            | StatementKind::Output(_)
+            | StatementKind::Let(_)
             | StatementKind::Function(_)
-            | StatementKind::Probe(..)
+            | StatementKind::Probe(_)
             | StatementKind::State(..)
             | StatementKind::Simulate(_)
             | StatementKind::Expect(_) => layout.statement_braces(self).into_iter().collect(),
@@ -391,15 +393,16 @@ impl Piece for Statement {
             }
             StatementKind::Element(Element { fields: Some((fields, _)), .. })
             | StatementKind::Port(_, fields)
-            | StatementKind::State(_, _, fields)
+            | StatementKind::State(_, fields)
             | StatementKind::Simulate(fields) => layout.block(fields, braces, indent),
             StatementKind::Element(_)
             | StatementKind::If(_)
             | StatementKind::Chain(_)
-            | StatementKind::Input(..)
-            | StatementKind::Let(..)
+            | StatementKind::Input(_)
+            | StatementKind::Output(_)
+            | StatementKind::Let(_)
             | StatementKind::Function(_)
-            | StatementKind::Probe(..)
+            | StatementKind::Probe(_)
             | StatementKind::Expect(_) => {}
         }
     }

@@ -144,6 +144,7 @@ pub(crate) fn is_keyword(word: &str) -> bool {
         "use",
         "sampled",
         "input",
+        "output",
         "let",
         "probe",
         "state",

@@ -60,7 +60,7 @@ pub(crate) fn one_line(statement: &Statement, source: &str) -> Option<String> {
     let head = head(statement, source);
     let rest = match &statement.kind {
         StatementKind::Element(Element { fields: Some((list, _)), .. })
-        | StatementKind::State(_, _, list)
+        | StatementKind::State(_, list)
         | StatementKind::Simulate(list) => fields(list, source),
         StatementKind::Port(_, list) if !list.is_empty() => fields(list, source),
         StatementKind::For(For { body: statements, .. }) | StatementKind::Sampled(Sampled { body: statements, .. }) => {
@@ -77,10 +77,11 @@ pub(crate) fn one_line(statement: &Statement, source: &str) -> Option<String> {
         StatementKind::Element(_)
         | StatementKind::Port(..)
         | StatementKind::Chain(_)
-        | StatementKind::Input(..)
-        | StatementKind::Let(..)
+        | StatementKind::Input(_)
+        | StatementKind::Output(_)
+        | StatementKind::Let(_)
         | StatementKind::Function(_)
-        | StatementKind::Probe(..)
+        | StatementKind::Probe(_)
         | StatementKind::Expect(_) => String::new(),
     };
     Some(head + &rest)
@@ -88,7 +89,9 @@ pub(crate) fn one_line(statement: &Statement, source: &str) -> Option<String> {
 
 /// A statement without its braces.
 pub(crate) fn head(statement: &Statement, source: &str) -> String {
-    let sets = |word: &str, name: &Name, value: &Expr| format!("{word} {} = {}", name.text, expr(value, source));
+    let sets = |word: &str, it: &Definition| {
+        format!("{word} {}{} = {}", it.name.text, index(&it.index, source), expr(&it.value, source))
+    };
     match &statement.kind {
         StatementKind::Element(element) => self::element(element, source),
         StatementKind::Chain(chain) => self::chain(chain, source),
@@ -100,11 +103,12 @@ pub(crate) fn head(statement: &Statement, source: &str) -> String {
             format!("for {} in {from}{space}..{}", repeat.variable.text, tight(&repeat.to, source))
         }
         StatementKind::If(choice) => if_head(choice, source),
-        StatementKind::Input(name, value) => sets("input", name, value),
-        StatementKind::Let(name, value) => sets("let", name, value),
+        StatementKind::Input(it) => sets("input", it),
+        StatementKind::Output(it) => sets("output", it),
+        StatementKind::Let(it) => sets("let", it),
         StatementKind::Function(it) => function(it, source),
-        StatementKind::Probe(name, value) => sets("probe", name, value),
-        StatementKind::State(name, value, _) => sets("state", name, value),
+        StatementKind::Probe(it) => sets("probe", it),
+        StatementKind::State(it, _) => sets("state", it),
         StatementKind::Simulate(_) => "simulate".to_string(),
         StatementKind::Expect(Expect::Passive) => "expect passive".to_string(),
         StatementKind::Expect(Expect::PassiveAt(at)) => format!("expect passive at {}", path(at, source)),

@@ -170,9 +170,15 @@ impl<'a> Reader<'a> {
         if pair.clone().into_inner().any(|part| part.as_rule() == Rule::arguments) {
             return StatementKind::Function(self.function(pair));
         }
-        let mut parts = children(pair);
+        StatementKind::Let(self.definition(inner(pair)))
+    }
+
+    fn definition(&mut self, pair: Pair<Rule>) -> Definition {
+        let mut parts = children(pair).peekable();
         let name = self.name(&next(&mut parts));
-        StatementKind::Let(name, self.expr(next(&mut parts)))
+        let index = std::iter::from_fn(|| parts.next_if(|pair| pair.as_rule() == Rule::index)).collect::<Vec<_>>();
+        let index = self.indices(index.into_iter());
+        Definition { name, index, value: self.expr(next(&mut parts)) }
     }
 
     fn model(&mut self, pair: Pair<Rule>) -> Model {
@@ -234,12 +240,12 @@ impl<'a> Reader<'a> {
                     Rule::simulate_stmt => StatementKind::Simulate(self.fields(next(&mut parts))),
                     Rule::expect_stmt => StatementKind::Expect(self.expect(parts)),
                     _ => {
-                        let name = self.name(&next(&mut parts));
-                        let value = self.expr(next(&mut parts));
+                        let it = self.definition(next(&mut parts));
                         match rule {
-                            Rule::state_stmt => StatementKind::State(name, value, self.fields(next(&mut parts))),
-                            Rule::input_stmt => StatementKind::Input(name, value),
-                            _ => StatementKind::Probe(name, value),
+                            Rule::state_stmt => StatementKind::State(it, self.fields(next(&mut parts))),
+                            Rule::input_stmt => StatementKind::Input(it),
+                            Rule::output_stmt => StatementKind::Output(it),
+                            _ => StatementKind::Probe(it),
                         }
                     }
                 }
@@ -470,6 +476,7 @@ fn children(pair: Pair<Rule>) -> impl Iterator<Item = Pair<Rule>> {
                 | Rule::kw_let
                 | Rule::kw_method
                 | Rule::kw_model
+                | Rule::kw_output
                 | Rule::kw_port
                 | Rule::kw_probe
                 | Rule::kw_resolution

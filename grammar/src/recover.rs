@@ -295,7 +295,7 @@ impl Recovery<'_, '_> {
         let scan = self.scan;
         for index in range.clone().skip(1).filter(|index| scan.is_name(*index)) {
             let before = scan.word(index - 1);
-            let declared = matches!(before, ":" | "let" | "probe" | "input" | "state" | "port" | "for");
+            let declared = matches!(before, ":" | "let" | "probe" | "input" | "output" | "state" | "port" | "for");
             // `R drag = ...`, `1 v -> ...`, without the colon
             let follows = matches!(scan.word(index + 1), "=" | "{" | "[") || is_arrow(scan.word(index + 1));
             let kind = index == range.start + 1 && follows || matches!(before, "0" | "1");
@@ -327,7 +327,7 @@ impl Recovery<'_, '_> {
         let scan = self.scan;
         let (word, before) = (scan.word(index), scan.word(index - 1));
         let first = scan.tokens[index].first;
-        let named = matches!(before, "let" | "probe" | "input" | "state" | "port");
+        let named = matches!(before, "let" | "probe" | "input" | "output" | "state" | "port");
         let joined = named || matches!(before, "," | "active" | "in") || is_arrow(before);
         let operand = scan.ends_operand(index - 1);
         if scan.starts_element(index) {
@@ -360,7 +360,10 @@ impl Recovery<'_, '_> {
         }
         if word == "if" {
             return operand
-                && !matches!(before, "let" | "probe" | "input" | "state" | "port" | "expect" | "every" | "at" | "in");
+                && !matches!(
+                    before,
+                    "let" | "probe" | "input" | "output" | "state" | "port" | "expect" | "every" | "at" | "in"
+                );
         }
         let arrow = is_arrow(scan.word(index + 1)) || scan.word(index + 1) == "|-";
         // `Se:F = 1 N F -> m`; but `I mass -> v` lacks a colon, and `1 kg -> m` begins with a unit.

@@ -17,9 +17,16 @@ fn gap() -> BoxedStrategy<String> {
 }
 
 fn name() -> BoxedStrategy<String> {
-    let names =
-        ["a", "b", "mass", "C", "R", "hold", "at", "input", "q1_0", "θ", "in", "state", "x", "budget", "passive"];
+    let names = [
+        "a", "b", "mass", "C", "R", "hold", "at", "input", "output", "q1_0", "θ", "in", "state", "x", "budget",
+        "passive",
+    ];
     pick(&names)
+}
+
+/// A name, or one with an index.
+fn indexed() -> BoxedStrategy<String> {
+    (name(), pick(&["", "", "[i]", "[i, j-1]", "[i][j]"])).prop_map(|(name, index)| format!("{name}{index}")).boxed()
 }
 
 fn quantity() -> BoxedStrategy<String> {
@@ -79,16 +86,17 @@ fn function() -> BoxedStrategy<String> {
 fn statement() -> BoxedStrategy<String> {
     let arrows = ["->", "||>", "->|", "|->", "-[n]->", "|-[n[i]]->", "-[ n ]->|", "-[n]|->", "-[n]||>"];
     let end = prop_oneof![head(), name(), Just("w[1].tip".to_string())].boxed();
-    let words = ["let", "probe", "input"];
+    let words = ["let", "probe", "input", "output"];
     let simple = prop_oneof![
         (head(), gap(), expr()).prop_map(|(head, gap, value)| format!("{head}{gap}= {value}")),
         (head(), gap(), fields()).prop_map(|(head, gap, fields)| format!("{head}{gap}{fields}")),
         (name(), expr()).prop_map(|(name, value)| format!("active Wall:{name}(k = {value})")),
         (end.clone(), gap(), pick(&arrows), gap(), end.clone(), gap(), end)
             .prop_map(|(a, g, arrow, h, b, i, c)| format!("{a}{g}{arrow}{h}{b},{i}{c}")),
-        (pick(&words), gap(), name(), expr()).prop_map(|(word, g, name, value)| format!("{word}{g}{name} = {value}")),
+        (pick(&words), gap(), indexed(), expr())
+            .prop_map(|(word, g, name, value)| format!("{word}{g}{name} = {value}")),
         function(),
-        (name(), expr(), gap(), fields())
+        (indexed(), expr(), gap(), fields())
             .prop_map(|(name, value, g, fields)| format!("state {name} = {value}{g}{fields}")),
         (name(), gap(), fields()).prop_map(|(name, g, fields)| format!("port {name}{g}{fields}")),
         (gap(), fields()).prop_map(|(g, fields)| format!("simulate{g}{fields}")),

@@ -41,7 +41,7 @@ fn show(expr: &Expr) -> String {
 
 fn expr(text: &str) -> String {
     match &body(&format!("let it = {text}"))[..] {
-        [StatementKind::Let(_, value)] => show(value),
+        [StatementKind::Let(it)] => show(&it.value),
         other => panic!("{text}: {other:?}"),
     }
 }
@@ -162,7 +162,7 @@ fn the_rest_of_the_statements() {
          sampled every 40 ms budget off hold lagged method ray { next -> b }; probe x = integral(v.f, -0.1 m)",
     );
     assert!(matches!(&kinds[0], StatementKind::Port(_, fields) if fields.len() == 1));
-    assert!(matches!(&kinds[2], StatementKind::State(_, _, fields) if fields.len() == 1));
+    assert!(matches!(&kinds[2], StatementKind::State(_, fields) if fields.len() == 1));
     let StatementKind::If(choice) = &kinds[4] else { panic!("{kinds:?}") };
     let Some([Statement { kind: StatementKind::If(next), .. }]) = choice.otherwise.as_deref() else {
         panic!("{choice:?}")
@@ -188,7 +188,7 @@ fn functions() {
     assert_eq!(half.docs, ["Half a square."]);
     assert_eq!((half.arguments.len(), none.arguments.len()), (1, 0));
     assert_eq!(sources.slice(half.span), "let half(x,) = 0.5*x^2");
-    let [StatementKind::Function(f), StatementKind::Let(..)] = [&model.body[0].kind, &model.body[1].kind] else {
+    let [StatementKind::Function(f), StatementKind::Let(_)] = [&model.body[0].kind, &model.body[1].kind] else {
         panic!("{model:?}")
     };
     let names: Vec<&str> = f.arguments.iter().map(|a| a.text.as_str()).collect();

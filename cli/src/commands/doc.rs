@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Say what the bundled library has, or what the models of a file are: docs, ports, parameters
+/// Say what the bundled library has, or what the models of a file are: docs, ports, parameters, inputs, outputs
 #[derive(clap::Args)]
 #[command(
     after_help = "Examples:\n  bond doc                         every component of the bundled library, one per line\n  \
@@ -195,18 +195,22 @@ fn component(text: &mut String, c: &Component) {
         [p.name.clone(), arrow.to_string(), pair, p.doc.join(" ")]
     });
     table(text, "ports", &rows.collect::<Vec<_>>());
-    let rows = c.parameters.iter().map(|p| {
-        // A default that is not a plain number has its unit beside it.
-        let default = p.default.clone().unwrap_or_else(|| "must be given".into());
-        let unit = p.unit.clone().filter(|u| u != "1" && !default.contains(' ')).unwrap_or_default();
-        [p.name.clone(), default, unit, p.doc.join(" ")]
-    });
-    table(text, "parameters", &rows.collect::<Vec<_>>());
-    let rows = c.probes.iter().map(|p| {
-        let unit = p.unit.clone().filter(|u| u != "1").unwrap_or_default();
-        [p.name.clone(), unit, p.doc.join(" ")]
-    });
-    table(text, "probes", &rows.collect::<Vec<_>>());
+    for (title, list) in [("parameters", &c.parameters), ("inputs", &c.inputs)] {
+        let rows = list.iter().map(|p| {
+            // A default that is not a plain number has its unit beside it.
+            let default = p.default.clone().unwrap_or_else(|| "must be given".into());
+            let unit = p.unit.clone().filter(|u| u != "1" && !default.contains(' ')).unwrap_or_default();
+            [p.name.clone(), default, unit, p.doc.join(" ")]
+        });
+        table(text, title, &rows.collect::<Vec<_>>());
+    }
+    for (title, list) in [("outputs", &c.outputs), ("probes", &c.probes)] {
+        let rows = list.iter().map(|p| {
+            let unit = p.unit.clone().filter(|u| u != "1").unwrap_or_default();
+            [p.name.clone(), unit, p.doc.join(" ")]
+        });
+        table(text, title, &rows.collect::<Vec<_>>());
+    }
 }
 
 /// Rows under a title, in columns.

@@ -3,10 +3,10 @@
 use super::suggest::nearest;
 use super::{Decl, Elaborator, Entity, Let, Param, ParamState, PortDecl, ScopeId, told};
 use crate::element;
-use crate::model::{ElementId, Hold, Kind, Sampling};
+use crate::model::{ElementId, Exchange, Hold, Kind, Sampling};
 use bond_grammar::ast::{
-    Chain, Clock, Element as Decl_, End, Expr, ExprKind, Field, Model as ModelDecl, Name, Sampled, Statement,
-    StatementKind,
+    self, Chain, Clock, Definition, Element as Decl_, End, Expr, ExprKind, Field, Model as ModelDecl, Name, Sampled,
+    Statement, StatementKind,
 };
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{Sources, Span};
@@ -53,15 +53,20 @@ impl<'a> Elaborator<'a> {
         let instance = self.instances.len();
         let scope = self.new_scope(instance, None, None);
         let outer = args.map_or(instance, |(_, caller)| self.scopes[caller].instance);
-        self.instances.push(super::Instance::new(model, path, scope, outer, at));
-        self.declare_params(instance, decl, args);
+        let mut made = super::Instance::new(model, path, scope, outer, at);
+        if let Some((fields, caller)) = args {
+            made.given = (fields, caller, sampling);
+        }
+        self.instances.push(made);
+        self.declare_params(instance, decl, args, sampling);
         if instance == 0 {
             self.file_functions();
         }
-        // A `let` of the model may be used by a `for` above it.
-        for s in &decl.body {
-            if let StatementKind::Let(name, value) = &s.kind {
-                self.declare_let(scope, name, value);
+        // A `let` of the model may be used by a `for` above it, and by the index of another one.
+        let is_indexed = |s: &&Statement| matches!(&s.kind, StatementKind::Let(it) if !it.index.is_empty());
+        for s in decl.body.iter().filter(|s| !is_indexed(s)).chain(decl.body.iter().filter(is_indexed)) {
+            if let StatementKind::Let(it) = &s.kind {
+                self.declare_let(scope, it, sampling);
             } else if let StatementKind::Function(f) = &s.kind {
                 self.declare_function(scope, f);
             }
@@ -75,44 +80,61 @@ impl<'a> Elaborator<'a> {
         Some(instance)
     }
 
-    fn declare_params(&mut self, instance: usize, decl: &'a ModelDecl, args: Option<(&'a [Field], ScopeId)>) {
+    fn declare_params(
+        &mut self,
+        instance: usize,
+        decl: &'a ModelDecl,
+        args: Option<(&'a [Field], ScopeId)>,
+        sampling: Option<usize>,
+    ) {
         let (args, caller) = args.unwrap_or((&[], 0));
         let scope = self.instances[instance].scope;
         let mut strange = false;
+        let mut known: Vec<&str> = decl.params.iter().map(|p| p.name.text.as_str()).collect();
+        let parameters = known.len();
+        if !args.is_empty() {
+            ast::each_statement(&decl.body, &mut |s| {
+                if let StatementKind::Input(it) = &s.kind {
+                    known.push(&it.name.text);
+                }
+            });
+        }
         for arg in args {
             let name = &arg.path[0];
-            if arg.path.len() != 1 || !decl.params.iter().any(|p| p.name.text == name.text) {
-                let known: Vec<&str> = decl.params.iter().map(|p| p.name.text.as_str()).collect();
+            if arg.path.len() != 1 || !known.contains(&name.text.as_str()) {
+                let or_input = if known.len() > parameters { " or input" } else { "" };
                 let mut error = Diagnostic::error(
                     "elaborate::parameter",
                     arg.span,
-                    format!("`{}` has no parameter `{}`", decl.name.text, arg.name()),
+                    format!("`{}` has no parameter{or_input} `{}`", decl.name.text, arg.name()),
                 )
                 .label(decl.name.span, "is the model");
                 error = match nearest(&name.text, known.iter().copied()) {
                     Some(n) => error.help(format!("did you mean `{n}`?")),
                     None if known.is_empty() => error.help("it has no parameters"),
-                    None => error.help(format!("its parameters are {}", known.join(", "))),
+                    None if parameters == known.len() => error.help(format!("its parameters are {}", known.join(", "))),
+                    None => error.help(format!("its parameters and inputs are {}", known.join(", "))),
                 };
                 self.errors.push(error);
                 strange = true;
             }
         }
+        for (i, name) in known.iter().enumerate() {
+            let of_name = |a: &&Field| a.path.len() == 1 && a.path[0].text == *name;
+            let mut given = args.iter().filter(of_name);
+            if let Some((first, second)) = given.next().zip(given.next())
+                && !known[..i].contains(name)
+            {
+                let what = if i < parameters { "parameter" } else { "input" };
+                let message = format!("the {what} `{name}` is given twice");
+                let error = Diagnostic::error("elaborate::twice", second.span, message);
+                self.errors.push(error.label(first.span, "is the first"));
+            }
+        }
         for p in &decl.params {
             let full = self.full_name(instance, &p.name.text);
-            let given: Vec<&Field> =
-                args.iter().filter(|a| a.path.len() == 1 && a.path[0].text == p.name.text).collect();
-            if let [first, second, ..] = given[..] {
-                self.errors.push(
-                    Diagnostic::error(
-                        "elaborate::twice",
-                        second.span,
-                        format!("the parameter `{}` is given twice", p.name.text),
-                    )
-                    .label(first.span, "is the first"),
-                );
-            }
-            let value = match (given.first(), &p.default) {
+            let given = args.iter().find(|a| a.path.len() == 1 && a.path[0].text == p.name.text);
+            let value = match (given, &p.default) {
                 (Some(field), _) => Some((&field.value, caller)),
                 (None, Some(default)) => Some((default, scope)),
                 (None, None) => None,
@@ -122,8 +144,8 @@ impl<'a> Elaborator<'a> {
             // What has no value may have been meant by the argument that fits no parameter.
             let meant = strange && value.is_none() && overridden.is_none();
             let state = if meant { ParamState::Done(None) } else { ParamState::New };
-            let given = !given.is_empty();
-            self.params.push(Param { name: full, span: p.name.span, instance, value, given, state, overridden });
+            let (span, given) = (p.name.span, given.is_some());
+            self.params.push(Param { name: full, span, instance, sampling, value, given, state, overridden });
             self.declare(scope, p.name.text.clone(), Entity::Param(index), p.name.span);
         }
     }
@@ -187,13 +209,23 @@ impl<'a> Elaborator<'a> {
     }
 
     /// Declares a name for an expression; its place among the `lets`, if the name was free.
-    fn declare_let(&mut self, scope: ScopeId, name: &'a Name, value: &'a Expr) -> Option<usize> {
+    fn declare_let(&mut self, scope: ScopeId, it: &'a Definition, sampling: Option<usize>) -> Option<usize> {
         let index = self.lets.len();
-        if !self.declare_signal(scope, name, Entity::Let(index)) {
-            return None;
-        }
-        self.lets.push(Let { value, scope, state: super::LetState::New, name: name.text.clone() });
+        let name = self.declare_definition(scope, it, Entity::Let(index))?;
+        self.lets.push(Let { value: &it.value, scope, sampling, input: None, state: super::LetState::New, name });
         Some(index)
+    }
+
+    /// Declares what a definition names, by its index if it has one; what it is called in its model, if that was free.
+    pub(super) fn declare_definition(&mut self, scope: ScopeId, it: &'a Definition, entity: Entity) -> Option<String> {
+        if it.index.is_empty() {
+            return self.declare_signal(scope, &it.name, entity).then(|| self.looped(scope, &it.name.text));
+        }
+        let Some(key) = self.key(&it.name.text, &it.index, scope) else {
+            self.lose_name(&it.name.text, scope);
+            return None;
+        };
+        self.declare(scope, key.clone(), entity, it.name.span).then_some(key)
     }
 
     /// Declares a name that in a `for` belongs to the round; whether it was free.
@@ -222,6 +254,7 @@ impl<'a> Elaborator<'a> {
         inner: bool,
         chains: &mut Vec<(&'a Chain, ScopeId)>,
     ) {
+        self.sampling = sampling;
         for s in body {
             if self.too_big(s.span) {
                 return;
@@ -239,7 +272,10 @@ impl<'a> Elaborator<'a> {
                     chains.push((c, scope));
                 }
                 StatementKind::Port(name, fields) => self.port(name, fields, scope, sampling),
-                StatementKind::Sampled(block) => self.sampled(block, s.span, scope, sampling, chains),
+                StatementKind::Sampled(block) => {
+                    self.sampled(block, s.span, scope, sampling, chains);
+                    self.sampling = sampling;
+                }
                 StatementKind::For(f) => {
                     let (from, to) = (self.integer(&f.from, scope), self.integer(&f.to, scope));
                     let Some((from, to)) = from.zip(to) else {
@@ -292,11 +328,11 @@ impl<'a> Elaborator<'a> {
                         self.lose(c.otherwise.as_deref().unwrap_or(&[]), scope);
                     }
                 },
-                StatementKind::Input(name, value) => self.input(name, value, scope),
-                StatementKind::State(name, start, fields) => self.memory(name, start, fields, scope, sampling),
-                StatementKind::Let(name, value) => {
+                StatementKind::Input(it) => self.input(it, scope, sampling),
+                StatementKind::State(it, fields) => self.memory(it, fields, scope, sampling),
+                StatementKind::Let(it) => {
                     if inner || self.scopes[scope].loop_variable.is_some() {
-                        self.declare_let(scope, name, value);
+                        self.declare_let(scope, it, sampling);
                     }
                 }
                 StatementKind::Function(f) => {
@@ -304,13 +340,23 @@ impl<'a> Elaborator<'a> {
                         self.declare_function(scope, f);
                     }
                 }
-                StatementKind::Probe(name, value) => {
+                StatementKind::Probe(it) => {
                     // A probe can be named like a `let`, in an `expect` above all.
-                    let Some(value) = self.declare_let(scope, name, value) else { continue };
-                    let full = self.full_name(instance, &self.looped(scope, &name.text));
+                    let Some(value) = self.declare_let(scope, it, sampling) else { continue };
                     // A part's probes are for those who run the part alone.
                     if scene {
-                        self.probes.push((full, name.span, value));
+                        self.probes.push((self.lets[value].name.clone(), it.name.span, value));
+                    }
+                }
+                StatementKind::Output(it) => {
+                    let Some(value) = self.declare_let(scope, it, sampling) else { continue };
+                    let name = self.lets[value].name.clone();
+                    // The outputs of the scene are for those who run it.
+                    if scene {
+                        self.probes.push((name, it.name.span, value));
+                    } else {
+                        self.instances[instance].outputs.push(name);
+                        self.exchanged.push((value, Exchange::Output));
                     }
                 }
                 StatementKind::Simulate(fields) => {
@@ -344,11 +390,12 @@ impl<'a> Elaborator<'a> {
                         self.lose_name(&name.text, scope);
                     }
                 }
-                StatementKind::Port(name, _)
-                | StatementKind::Let(name, _)
-                | StatementKind::Probe(name, _)
-                | StatementKind::Input(name, _)
-                | StatementKind::State(name, ..) => self.lose_name(&name.text, scope),
+                StatementKind::Port(name, _) => self.lose_name(&name.text, scope),
+                StatementKind::Let(it)
+                | StatementKind::Probe(it)
+                | StatementKind::Input(it)
+                | StatementKind::Output(it)
+                | StatementKind::State(it, _) => self.lose_name(&it.name.text, scope),
                 StatementKind::Function(f) => self.lose_name(&f.name.text, scope),
                 StatementKind::Sampled(block) => self.lose(&block.body, scope),
                 StatementKind::For(f) => self.lose(&f.body, scope),

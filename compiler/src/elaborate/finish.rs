@@ -45,6 +45,7 @@ impl<'a> Elaborator<'a> {
             return Err(Broken { errors: self.errors, model: None });
         }
         let known = |u: &Unit| units.system.known(u);
+        let exchanged = self.exchanges(&known);
         let parameters = self
             .params
             .iter()
@@ -83,6 +84,7 @@ impl<'a> Elaborator<'a> {
             integrals: self.integrals,
             inputs,
             memories,
+            exchanged,
             probes,
             expectations,
             settings,
@@ -353,6 +355,12 @@ impl<'a> Elaborator<'a> {
                 };
                 let message = format!("--set {path}: {message}");
                 self.errors.push(Diagnostic::error("elaborate::set", span, message).help(help));
+                continue;
+            }
+            if let Some(l) = self.lets.iter().position(|l| l.input.is_some() && l.name == *path) {
+                let message = format!("--set {path}: `{path}` is an input of a part, and is given where the part is");
+                let error = Diagnostic::error("elaborate::set", self.lets[l].value.span, message);
+                self.errors.push(error.help("change what it is given there"));
                 continue;
             }
             if let Some(input) = self.inputs.iter().find(|i| i.name == *path) {

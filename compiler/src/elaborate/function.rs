@@ -137,7 +137,8 @@ impl<'a> Elaborator<'a> {
             let entity = Entity::Let(self.lets.len());
             self.scopes[inner].locals.insert(argument.text.clone(), (entity, argument.span));
             let state = LetState::Done(Some(value));
-            self.lets.push(Let { value: ast, scope, state, name: argument.text.clone() });
+            let (sampling, name) = (self.sampling, argument.text.clone());
+            self.lets.push(Let { value: ast, scope, sampling, input: None, state, name });
         }
         let outer = self.functions.open.take();
         self.functions.open = Some(Rc::new(Call { function: f, span, outer: outer.clone() }));

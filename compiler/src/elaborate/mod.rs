@@ -37,7 +37,7 @@ pub(crate) use value::Value;
 
 use crate::Options;
 use crate::expression::{Expr, Pool, Symbol};
-use crate::model::{Bond, BondId, Element, ElementId, Integral, Kind, Model, Sampling, Signal};
+use crate::model::{Bond, BondId, Element, ElementId, Exchange, Integral, Kind, Model, Sampling, Signal};
 use crate::units::{BaseUnits, Dimension};
 use bond_grammar::ast::{self, Stroke};
 use bond_grammar::diagnostic::Diagnostic;
@@ -78,11 +78,13 @@ enum Entity {
     Missing,
 }
 
-struct Instance {
+struct Instance<'a> {
     model: load::ModelRef,
     path: String,
     scope: ScopeId,
     names: FxHashMap<String, (Entity, Span)>,
+    /// What it is given, the scope in which that stands, and the `sampled` block there.
+    given: (&'a [ast::Field], ScopeId, Option<usize>),
     /// The instance that it stands in; the scene's own is the scene.
     outer: usize,
     /// Where it is declared.
@@ -93,12 +95,15 @@ struct Instance {
     unmade: Vec<(String, i64, i64)>,
     /// Bonds of it could not be made, which is said: what seems to lack one may have been meant.
     frayed: bool,
+    /// Its outputs.
+    outputs: Vec<String>,
 }
 
-impl Instance {
+impl Instance<'_> {
     fn new(model: load::ModelRef, path: String, scope: ScopeId, outer: usize, span: Span) -> Self {
         let (names, lost) = (FxHashMap::default(), FxHashSet::default());
-        Self { model, path, scope, names, outer, span, lost, unmade: Vec::new(), frayed: false }
+        let (given, unmade, outputs) = ((&[][..], scope, None), Vec::new(), Vec::new());
+        Self { model, path, scope, names, given, outer, span, lost, unmade, frayed: false, outputs }
     }
 
     /// A name that is not taken, for a mend.
@@ -130,6 +135,8 @@ struct Param<'a> {
     span: Span,
     /// The instance that it is a parameter of.
     instance: usize,
+    /// The `sampled` block in which it is given.
+    sampling: Option<usize>,
     value: Option<(&'a ast::Expr, ScopeId)>,
     /// Whether the value was given where the instance is made, and is no default.
     given: bool,
@@ -147,6 +154,10 @@ enum LetState {
 struct Let<'a> {
     value: &'a ast::Expr,
     scope: ScopeId,
+    /// The `sampled` block that the value stands in.
+    sampling: Option<usize>,
+    /// Where it is the input of a part that is given there: what the part says of it.
+    input: Option<signal::Bound<'a>>,
     state: LetState,
     name: String,
 }
@@ -210,7 +221,7 @@ pub(crate) struct Elaborator<'a> {
     /// Kinds of elements that are told to be unknown, by where they stand.
     unknown_kinds: FxHashSet<Span>,
     stack: Vec<load::ModelRef>,
-    instances: Vec<Instance>,
+    instances: Vec<Instance<'a>>,
     scopes: Vec<Scope>,
     params: Vec<Param<'a>>,
     lets: Vec<Let<'a>>,
@@ -248,6 +259,12 @@ pub(crate) struct Elaborator<'a> {
     integrals: Vec<Integral>,
     inputs: Vec<signal::Given<'a>>,
     memories: Vec<signal::Remembered<'a>>,
+    /// The names of all numbers of `inputs` and of `memories`.
+    numbers: signal::Numbers,
+    /// The `let`s that are inputs and outputs of parts.
+    exchanged: Vec<(usize, Exchange)>,
+    /// The `sampled` block that what is being worked out stands in.
+    sampling: Option<usize>,
     /// Names that mean something only in the law that is being read: `q`, `f`.
     pub(crate) locals: Vec<(String, Typed)>,
     mode: Mode,
@@ -359,6 +376,9 @@ pub fn elaborate(
         integrals: vec![],
         inputs: vec![],
         memories: vec![],
+        numbers: signal::Numbers::default(),
+        exchanged: vec![],
+        sampling: None,
         locals: vec![],
         mode: Mode::Constant,
         depth: 0,
@@ -412,6 +432,7 @@ impl<'a> Elaborator<'a> {
         let Some(decl) = self.files.model(scene) else { return Err(Broken { errors: self.errors, model: None }) };
         self.pending_overrides(options);
         self.instantiate(scene, String::new(), None, None, decl.name.span);
+        self.number_signals();
         if self.errors.iter().any(|e| e.code == "elaborate::limit") {
             // Most of the model may not have been made.
             return Err(Broken { errors: self.errors, model: None });
@@ -447,13 +468,14 @@ impl<'a> Elaborator<'a> {
     fn laws(&mut self) -> Vec<Option<Element>> {
         let all = (0..self.elements.len() as u32).map(|i| {
             self.owner = Some(ElementId(i));
+            self.sampling = self.elements[i as usize].sampling;
             let before = self.errors.len();
             let law = self.law(ElementId(i));
             self.blame_what_was_given(ElementId(i), before);
             law
         });
         let laws = all.collect();
-        self.owner = None;
+        (self.owner, self.sampling) = (None, None);
         laws
     }
 }

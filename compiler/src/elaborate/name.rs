@@ -44,6 +44,7 @@ impl<'a> Elaborator<'a> {
             if builtin {
                 match segment.name.text.as_str() {
                     "t" if path.segments.len() == 1 => return self.time(path.span).map(Value::Scalar),
+                    "period" if path.segments.len() == 1 => return Some(Value::Scalar(self.period())),
                     "pi" if path.segments.len() == 1 => {
                         return Some(Value::Scalar(Typed { expr: self.pool.pi(), unit: Unit::one() }));
                     }
@@ -85,26 +86,22 @@ impl<'a> Elaborator<'a> {
                 return Some(Some(Value::Scalar(Typed { expr: self.pool.int(i), unit: Unit::one() })));
             }
             match self.scopes[s].locals.get(&first.name.text).map(|(entity, _)| *entity) {
-                Some(Entity::Let(l)) => {
-                    let is_let = if plain { Some(true) } else { self.is_declared(first, scope, s).map(|other| !other) };
-                    match is_let {
+                Some(entity @ (Entity::Let(_) | Entity::Input(_) | Entity::Memory(_))) => {
+                    let is_own = if plain { Some(true) } else { self.is_declared(first, scope, s).map(|other| !other) };
+                    match is_own {
                         None => return Some(None),
                         Some(true) => {
-                            let value = self.let_value(l, whole);
-                            return Some(value.and_then(|value| self.entry(value, first, scope)));
+                            let value = self.named(entity, whole);
+                            return Some(value.and_then(|value| self.entry_of_round(value, first, scope, s)));
                         }
                         Some(false) => {}
                     }
                 }
-                Some(Entity::Input(i)) if plain => return Some(self.input_value(i, whole).map(Value::Scalar)),
-                Some(Entity::Memory(i)) if plain => return Some(self.memory_value(i, whole).map(Value::Scalar)),
                 Some(
                     Entity::Element(_)
                     | Entity::Instance(_)
                     | Entity::Port(_)
                     | Entity::Param(_)
-                    | Entity::Input(_)
-                    | Entity::Memory(_)
                     | Entity::Function(_)
                     | Entity::Bond(_)
                     | Entity::Field(_)
@@ -117,20 +114,57 @@ impl<'a> Elaborator<'a> {
         None
     }
 
+    /// The value of what is a value by itself.
+    pub(super) fn named(&mut self, entity: Entity, span: Span) -> Option<Value> {
+        match entity {
+            Entity::Param(p) => self.param_value(p, span),
+            Entity::Let(l) => self.let_value(l, span),
+            Entity::Input(i) => self.input_value(i, span),
+            Entity::Memory(i) => self.memory_value(i, span),
+            Entity::Element(_)
+            | Entity::Instance(_)
+            | Entity::Port(_)
+            | Entity::Function(_)
+            | Entity::Bond(_)
+            | Entity::Field(_)
+            | Entity::Missing => None,
+        }
+    }
+
+    /// The entry of a value that belongs to a round, if the name has an index.
+    fn entry_of_round(
+        &mut self,
+        value: Value,
+        segment: &'a ast::Segment,
+        scope: ScopeId,
+        of: ScopeId,
+    ) -> Option<Value> {
+        let round = self.scopes[of].loop_variable.as_ref().map(|(variable, _)| variable.clone());
+        if let (Value::Scalar(_), Some(variable), Some(index)) = (&value, round, segment.index.first()) {
+            let name = &segment.name.text;
+            let message = format!("`{name}` belongs to its round, and is a number without entries");
+            let help = format!("to name it from other rounds, declare it as `{name}[{variable}]`");
+            return self.wrong("elaborate::index", index.span, message, &help);
+        }
+        self.entry(value, segment, scope)
+    }
+
     /// The value of an entity, of which a path names the parts `rest`.
     fn entity_value(&mut self, entity: Entity, key: &str, rest: &'a [ast::Segment], span: Span) -> Option<Value> {
         match entity {
-            Entity::Instance(_) => self.wrong(
-                "elaborate::signal",
-                span,
-                format!("`{key}` is an instance, not a signal"),
-                "name a signal of it, as in `wall.spring.q`",
-            ),
+            Entity::Instance(i) => {
+                let outputs: Vec<String> = self.instances[i].outputs.iter().map(|o| format!("`{key}.{o}`")).collect();
+                let help = match &outputs[..] {
+                    [] => "name a signal of it, as in `wall.spring.q`".to_string(),
+                    [one] => format!("its output is {one}"),
+                    _ => format!("its outputs are {}", outputs.join(", ")),
+                };
+                self.wrong("elaborate::signal", span, format!("`{key}` is an instance, not a signal"), &help)
+            }
             Entity::Missing => None,
-            Entity::Param(p) if rest.is_empty() => self.param_value(p, span),
-            Entity::Let(l) if rest.is_empty() => self.let_value(l, span),
-            Entity::Input(i) if rest.is_empty() => self.input_value(i, span).map(Value::Scalar),
-            Entity::Memory(i) if rest.is_empty() => self.memory_value(i, span).map(Value::Scalar),
+            Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) if rest.is_empty() => {
+                self.named(entity, span)
+            }
             Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) => self.wrong(
                 "elaborate::signal",
                 span,
@@ -202,6 +236,12 @@ impl<'a> Elaborator<'a> {
         deep
     }
 
+    /// The time between two samples of the `sampled` block around; 0 outside of them.
+    fn period(&mut self) -> Typed {
+        let period = self.sampling.and_then(|s| self.samplings.get(s)).map_or(0.0, |s| s.period);
+        Typed { expr: self.pool.float(period), unit: Unit::known(Dimension::SECOND) }
+    }
+
     pub(super) fn time(&mut self, span: Span) -> Option<Typed> {
         if self.mode == Mode::Constant {
             return self.wrong(
@@ -248,11 +288,17 @@ impl<'a> Elaborator<'a> {
         let mut given = None;
         match self.params[p].value {
             Some((ast, scope)) => {
+                let before = self.errors.len();
+                let sampling = std::mem::replace(&mut self.sampling, self.params[p].sampling);
                 let mode = std::mem::replace(&mut self.mode, Mode::Constant);
                 let locals = std::mem::take(&mut self.locals);
                 let value = self.value(ast, scope);
                 self.mode = mode;
                 self.locals = locals;
+                self.sampling = sampling;
+                if value.is_none() {
+                    self.is_parameter(p, before);
+                }
                 given = Some((value?, ast));
             }
             None if over.is_none() => {
@@ -345,6 +391,9 @@ impl<'a> Elaborator<'a> {
     }
 
     pub(super) fn let_value(&mut self, l: usize, at: Span) -> Option<Value> {
+        if self.lets[l].input.is_some() {
+            self.known_later(&self.lets[l].name.clone(), at)?;
+        }
         match self.lets[l].state.clone() {
             LetState::Done(t) => t,
             LetState::Open => {
@@ -371,11 +420,13 @@ impl<'a> Elaborator<'a> {
                     self.mode = Mode::Outputs;
                 }
                 let locals = std::mem::take(&mut self.locals);
+                let sampling = std::mem::replace(&mut self.sampling, self.lets[l].sampling);
                 self.open_lets.push(l);
-                let found = self.value(value, scope);
+                let found = self.value(value, scope).and_then(|given| self.bound(l, given));
                 self.open_lets.pop();
                 self.mode = mode;
                 self.locals = locals;
+                self.sampling = sampling;
                 // What cannot be said before the run may well be said in it.
                 let retry = found.is_none() && mode == Mode::Constant;
                 self.lets[l].state = if retry { LetState::New } else { LetState::Done(found.clone()) };

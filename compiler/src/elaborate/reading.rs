@@ -181,9 +181,9 @@ impl<'a> Elaborator<'a> {
                 }
             }
             Signal::Integral(i) => format!("integral[{i}]"),
-            Signal::Input(i) => self.inputs[i].name.clone(),
-            Signal::Slope(i) => format!("slope({})", self.inputs[i].name),
-            Signal::Memory(i) => self.memories[i].name.clone(),
+            Signal::Input(i) => self.numbers.input(i).to_string(),
+            Signal::Slope(i) => format!("slope({})", self.numbers.input(i)),
+            Signal::Memory(i) => self.numbers.memory(i).to_string(),
             Signal::Argument(id) => self.elements[id.at()].name.clone(),
             Signal::Parameter(id) => format!("{}.s", self.elements[id.at()].name),
         };

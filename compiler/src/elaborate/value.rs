@@ -5,6 +5,7 @@ use crate::expression::Node;
 use crate::model::Parameter;
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
+use bond_grammar::source::Span;
 
 /// A number, or a list of values that all have one shape.
 #[derive(Clone, Debug)]
@@ -137,26 +138,14 @@ impl<'a> Elaborator<'a> {
             return None;
         }
         let (entity, _) = *self.instances[at].names.get(&segment.name.text)?;
-        if !matches!(entity, Entity::Param(_) | Entity::Let(_)) {
+        if !matches!(entity, Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_)) {
             return None;
         }
         let Some(key) = self.key(&segment.name.text, &segment.index, scope) else { return Some(None) };
         if self.instances[at].names.contains_key(&key) {
             return None;
         }
-        let value = match entity {
-            Entity::Param(p) => self.param_value(p, segment.name.span),
-            Entity::Let(l) => self.let_value(l, segment.name.span),
-            Entity::Element(_)
-            | Entity::Instance(_)
-            | Entity::Port(_)
-            | Entity::Field(_)
-            | Entity::Input(_)
-            | Entity::Memory(_)
-            | Entity::Function(_)
-            | Entity::Bond(_)
-            | Entity::Missing => None,
-        };
+        let value = self.named(entity, segment.name.span);
         Some(value.and_then(|value| self.entry(value, segment, scope)))
     }
 
@@ -170,15 +159,20 @@ impl<'a> Elaborator<'a> {
 
     /// `a[2]`, `m[1, 2]`: what stands at the indices of a segment.
     pub(super) fn entry(&mut self, value: Value, segment: &'a ast::Segment, scope: ScopeId) -> Option<Value> {
-        let name = &segment.name.text;
+        let indices: Option<Vec<(i64, Span)>> =
+            segment.index.iter().map(|index| self.integer(index, scope).map(|i| (i, index.span))).collect();
+        self.entry_at(value, &segment.name.text, &indices?)
+    }
+
+    /// What stands at these indices, each with the place that gives it.
+    pub(super) fn entry_at(&mut self, value: Value, name: &str, indices: &[(i64, Span)]) -> Option<Value> {
         let mut value = value;
-        for (depth, index) in segment.index.iter().enumerate() {
-            let i = self.integer(index, scope)?;
+        for (depth, &(i, at)) in indices.iter().enumerate() {
             let whole = if depth == 0 { format!("`{name}`") } else { format!("that entry of `{name}`") };
             let Value::List(items) = value else {
                 let message = format!("{whole} is a number, and has no entries");
                 let help = if depth == 0 { "take the index away" } else { "take the last index away" };
-                self.errors.push(Diagnostic::error("elaborate::index", index.span, message).help(help));
+                self.errors.push(Diagnostic::error("elaborate::index", at, message).help(help));
                 return None;
             };
             let size = items.len();
@@ -188,7 +182,7 @@ impl<'a> Elaborator<'a> {
                 None => {
                     let message = format!("{whole} has no entry {i}: its size is {size}");
                     self.errors.push(
-                        Diagnostic::error("elaborate::index", index.span, message)
+                        Diagnostic::error("elaborate::index", at, message)
                             .help(format!("entries are counted from 1 to {size}")),
                     );
                     return None;

@@ -1,9 +1,9 @@
-//! Signals that no bond carries: what is given from outside, and signal states.
+//! Signals that no bond carries: what is given from outside, what parts are given and give, and signal states.
 
 use super::object::object;
 use super::region::UNNEEDED;
 use super::{Shown, name, table};
-use crate::model::Memory;
+use crate::model::{Exchange, Memory};
 use serde_json::{Map, Value, json};
 
 /// `dz/dt` or `next z`, and the period of one that moves from sample to sample.
@@ -16,7 +16,7 @@ fn out(shown: &Shown<'_>, memory: usize) -> bool {
     shown.unneeded.is_some_and(|u| u.memory(memory))
 }
 
-/// Both as lists, nothing where there are none.
+/// All as lists, nothing where there are none.
 pub(super) fn text(shown: &Shown<'_>) -> String {
     let (model, form) = (&*shown.model, shown.form);
     let mut text = String::new();
@@ -28,6 +28,18 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
     if !rows.is_empty() {
         text.push_str("\ninputs from outside\n");
         text.push_str(&table::lines(2, &rows));
+    }
+    let unit = |u: Option<crate::units::Dimension>| match u {
+        Some(u) if !u.is_one() => format!("[{u}]"),
+        Some(_) | None => String::new(),
+    };
+    for (way, title) in [(Exchange::Input, "inputs of parts"), (Exchange::Output, "outputs of parts")] {
+        let of_way = model.exchanged.iter().filter(|e| e.way == way);
+        let rows: Vec<Vec<String>> =
+            of_way.map(|e| vec![e.name.clone(), format!("= {}", e.value), unit(e.unit)]).collect();
+        if !rows.is_empty() {
+            text.push_str(&format!("\n{title}\n{}", table::lines(2, &rows)));
+        }
     }
     let mut rows: Vec<Vec<String>> = Vec::new();
     for (i, (m, law)) in model.memories.iter().zip(&form.memories).enumerate() {
@@ -44,7 +56,7 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
     text
 }
 
-/// Fields for both, none where there are none.
+/// Fields for all, none where there are none.
 pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
     let (model, form) = (&*shown.model, shown.form);
     let mut fields = Map::new();
@@ -54,6 +66,14 @@ pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
         let list: Vec<Value> =
             list.map(|i| json!(object! { "name": i.name, "unit": unit(i.unit), "default": i.value })).collect();
         fields.insert("inputs".into(), json!(list));
+    }
+    for (way, key) in [(Exchange::Input, "inputs_of_parts"), (Exchange::Output, "outputs_of_parts")] {
+        let of_way = model.exchanged.iter().filter(|e| e.way == way);
+        let list: Vec<Value> =
+            of_way.map(|e| json!(object! { "name": e.name, "unit": unit(e.unit), "value": e.value })).collect();
+        if !list.is_empty() {
+            fields.insert(key.into(), json!(list));
+        }
     }
     if !model.memories.is_empty() {
         let list = model.memories.iter().zip(&form.memories);

@@ -67,7 +67,7 @@ impl Wreck<'_> {
                 return Some(self.error("syntax::equals", self.at, message).help(help));
             }
         }
-        let named = self.piece == Piece::Statement && matches!(word, "let" | "probe" | "input" | "state");
+        let named = self.piece == Piece::Statement && matches!(word, "let" | "probe" | "input" | "output" | "state");
         if named && self.scan.is_name(start + 1) && self.at == start + 2 {
             let name = self.word(start + 1);
             let message = format!("`=` is expected after `{word} {name}`, but {}", self.found());
@@ -109,7 +109,7 @@ impl Wreck<'_> {
     pub(super) fn reserved_name(&self) -> Option<Diagnostic> {
         let named = |index: usize| {
             let before = self.word(index.max(1) - 1);
-            matches!(before, "let" | "probe" | "input" | "state" | "port" | "model" | ":" | "for")
+            matches!(before, "let" | "probe" | "input" | "output" | "state" | "port" | "model" | ":" | "for")
         };
         let wrong = |index: &usize| is_reserved(self.word(*index)) && named(*index);
         let index = [self.at, self.before()].into_iter().find(wrong)?;
@@ -257,12 +257,12 @@ impl Wreck<'_> {
                 let help = format!("a port has the units of what is bonded to it: write `port {name}`");
                 return Some(self.error("syntax::statement", self.at, "a port has no type").help(help));
             }
-            (Piece::Statement, "let" | "probe" | "input" | "state") if self.word(self.at) == ":" => {
+            (Piece::Statement, "let" | "probe" | "input" | "output" | "state") if self.word(self.at) == ":" => {
                 let help = format!("write `{first} {} = ...`", self.word(self.range.start + 1));
                 let message = format!("a value is given with `=`, but {found}");
                 return Some(self.error("syntax::statement", self.at, message).help(help));
             }
-            (Piece::Statement, "let" | "probe" | "input" | "state" | "port") if start => {
+            (Piece::Statement, "let" | "probe" | "input" | "output" | "state" | "port") if start => {
                 let help = match first {
                     "port" => "write `port name`".to_string(),
                     "state" => "write `state name = start { dname = ... }`".to_string(),
@@ -298,7 +298,7 @@ impl Wreck<'_> {
     /// `port a, b`, `let a = 1, b = 2`.
     pub(super) fn list(&self) -> Option<Diagnostic> {
         let first = self.word(self.range.start);
-        let one_by_one = matches!(first, "let" | "probe" | "input" | "state" | "port");
+        let one_by_one = matches!(first, "let" | "probe" | "input" | "output" | "state" | "port");
         let apart = self.piece == Piece::Statement && self.word(self.at) == "," && self.open_bracket().is_none();
         (apart && one_by_one && self.kind(self.at + 1) == Some(Kind::Word)).then(|| {
             let next = self.word(self.at + 1);
