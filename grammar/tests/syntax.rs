@@ -238,3 +238,24 @@ fn expressions_alone() {
     assert_eq!(alone("1 < 2 < 3"), Err("syntax::comparison"));
     assert_eq!(alone("(1"), Err("syntax::unexpected"));
 }
+
+#[test]
+fn definitions() {
+    let kinds = body(
+        "state z[i] = 0 V { next = z[i-1] } input u[1, 2] = 0; output y = u[1][2]; let a[2] = 3 probe output = a[2]",
+    );
+    let name = |kind: &StatementKind| match kind {
+        StatementKind::State(it, _)
+        | StatementKind::Input(it)
+        | StatementKind::Output(it)
+        | StatementKind::Let(it)
+        | StatementKind::Probe(it) => (it.name.text.clone(), it.index.len()),
+        _ => panic!("{kind:?}"),
+    };
+    let names: Vec<(String, usize)> = kinds.iter().map(name).collect();
+    let wanted = [("z", 1), ("u", 2), ("y", 0), ("a", 1), ("output", 0)];
+    assert_eq!(names, wanted.map(|(name, index)| (name.to_string(), index)));
+    assert!(matches!(kinds[2], StatementKind::Output(_)));
+    // It begins a statement only where one fits.
+    assert!(matches!(&body("I:output = 1 kg output -> v")[..], [StatementKind::Element(_), StatementKind::Chain(_)]));
+}

@@ -774,3 +774,225 @@ fn limits_of_what_is_held_are_no_switches() {
     let cut = compiled.scene().clusters.iter().find(|c| c.period.is_none()).expect("the coil");
     assert_eq!(cut.step.name, "gonzalez");
 }
+
+const PI: &str = "model Pi(Kp = 1 V/rad, Ki = 1 V/(rad*s)) {
+  output u = Kp*(want - is) + Ki*sum
+  input want = 0 rad
+  input is = 0 rad
+  state sum = 0 rad*s { dsum = want - is }
+}
+";
+
+/// What moves: two shafts, each with a damper, driven by `first` and `second`.
+const SHAFTS: &str = "
+  for i in 1..2 {
+    Se:drive[i] = (if i == 1 then first else second)*(1 N*m/V)
+    I:rotor[i] = 0.5 kg*m^2
+    R:bearing[i] = 0.2 N*m*s
+    drive[i] -> 1:w[i] -> rotor[i], bearing[i]
+    state angle[i] = 0.1*i { dangle = w[i].f }
+  }
+  input setpoint = 1 rad
+  probe a = angle[1]
+  probe b = angle[2]
+  probe u = first
+  simulate { stop = 4 s }
+}";
+
+/// A part is what stands in it: the same bits as with the controllers written out, in whatever way they are made.
+#[test]
+fn a_part_is_what_stands_in_it() {
+    let own = |i: u32| format!("state s{i} = 0 rad*s {{ dz = {i}*setpoint - angle[{i}] }}\n");
+    let written = format!(
+        "model M {{ {}{} let first = 2 V/rad * (setpoint - angle[1]) + s1*1 V/(rad*s)
+         let second = 3 V/rad * (2*setpoint - angle[2]) + s2*0.5 V/(rad*s) {SHAFTS}",
+        own(1),
+        own(2)
+    );
+    let gains = ["Kp = 2 V/rad", "Kp = 3 V/rad, Ki = 0.5 V/(rad*s)"];
+    let pair = |first: &str, second: &str| {
+        format!(
+            "Pi:{first}({}, want = setpoint, is = angle[1]) Pi:{second}({}, want = 2*setpoint, is = angle[2])",
+            gains[0], gains[1]
+        )
+    };
+    let outputs = "let first = p.u let second = q.u";
+    let ways = [
+        format!("{PI} model M {{ {} {outputs} {SHAFTS}", pair("p", "q")),
+        // An array of parts, with what belongs to the round.
+        format!(
+            "{PI} model M {{ for i in 1..2 {{
+               let aim = i*setpoint
+               Pi:p[i](Kp = (1 + i)*1 V/rad, Ki = (if i == 1 then 1 else 0.5)*1 V/(rad*s), want = aim, is = angle[i])
+             }} let first = p[1].u let second = p[2].u {SHAFTS}"
+        ),
+        // Parts in a part, which is given both places as an array.
+        format!(
+            "{PI} model Both {{ input place = [0 rad, 0 rad] input aim = 0 rad
+               Pi:p({}, want = aim, is = place[1]) Pi:q({}, want = 2*aim, is = place[2])
+               output u = [p.u, q.u] }}
+             model M {{ let first = both.u[1] let second = both.u[2]
+               Both:both(aim = setpoint, place = [angle[1], angle[2]]) {SHAFTS}",
+            gains[0], gains[1]
+        ),
+    ];
+    let run = |text: &str| {
+        let compiled = with(Options::new(), text);
+        let mut sim = fed(&compiled, Steps::new(), "setpoint", signal(&[(0.0, 1.0), (2.0, 1.5)], true));
+        let mut seen = Vec::new();
+        for k in 1..=8 {
+            advance(&mut sim, 0.5 * f64::from(k));
+            seen.extend(["a", "b", "u"].map(|name| probe(&mut sim, name)));
+        }
+        seen
+    };
+    let wanted = run(&written);
+    for way in ways {
+        let found = run(&way);
+        for (x, y) in found.iter().zip(&wanted) {
+            close(*x, *y, 1e-12, &way);
+        }
+    }
+}
+
+/// An input that the instance does not bind is one of the scene, by its path.
+#[test]
+fn an_input_that_is_not_given_is_of_the_scene() {
+    let compiled = text(&format!(
+        "{PI} model M {{ input far = [1 rad, 2 rad] Pi:p(is = far[2]) Pi:q(want = far[1]) probe y = p.u probe z = q.u }}"
+    ));
+    assert_eq!(compiled.inputs(), ["far[1]", "far[2]", "p.want", "q.is"]);
+    let mut sim = start(&compiled, Steps::new());
+    assert_eq!((probe(&mut sim, "y"), probe(&mut sim, "z")), (-2.0, 1.0));
+    sim.set_input("p.want", 5.0).unwrap_or_else(|e| panic!("{e}"));
+    sim.set_input("far[2]", 1.0).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(probe(&mut sim, "y"), 4.0);
+    insta::assert_snapshot!(compiled.show("phs"));
+}
+
+/// Alone, a part is a scene: its outputs are written, and its inputs come from outside.
+#[test]
+fn a_part_alone() {
+    let compiled = text(PI);
+    assert_eq!(compiled.inputs(), ["want", "is"]);
+    assert_eq!(compiled.probes(), ["u"]);
+    let mut sim = fed(&compiled, Steps::new(), "want", signal(&[(0.0, 0.5)], true));
+    finish(&mut sim, 2.0);
+    close(probe(&mut sim, "u"), 0.5 + 0.5 * 2.0, 1e-14, "u");
+}
+
+/// Units are inferred and checked through what is given.
+#[test]
+fn units_of_what_parts_are_given() {
+    let part = "model Twice(k = 2) { input x = 0 output y = k*x } ";
+    let compiled = text(&format!("{part} model M {{ Twice:a(x = 3 m) Twice:b(k = 2 Hz, x = a.y) probe y = b.y }}"));
+    let unit = compiled.stages().model.probes[0].unit.map(|u| u.to_string());
+    assert_eq!(unit.as_deref(), Some("m/s"));
+    let wrong =
+        crate::common::errors(&format!("{part} model M {{ Twice:a(x = 3 V) probe y = a.y + 1 N }}")).to_string();
+    assert!(wrong.contains("wrong unit"), "{wrong}");
+}
+
+/// Each entry of an array is a state: a row of samples, and a vector that turns.
+#[test]
+fn arrays_of_states() {
+    for row in [
+        "sampled every 0.1 s { state z = [1 V, 2 V, 3 V] { next = [u, z[1], z[2]] } }",
+        "sampled every 0.1 s { for i in 1..3 { state z[i] = i*1 V { next = if i == 1 then u else z[i-1] } } }",
+        // In another order.
+        "sampled every 0.1 s { for i in 1..3 { state z[4-i] = (4 - i)*1 V { next = if i == 3 then u else z[3-i] } } }",
+    ] {
+        let compiled = text(&format!("model M {{ let u = t*1 V/s {row} probe x = [z[1], z[2], z[3]] }}"));
+        let mut sim = start(&compiled, Steps::new());
+        let mut z = [1.0, 2.0, 3.0];
+        for k in 0..20 {
+            let t = 0.1 * f64::from(k);
+            advance(&mut sim, t + 0.05);
+            let seen = [1, 2, 3].map(|i| probe(&mut sim, &format!("x[{i}]")));
+            for (x, y) in seen.iter().zip(z) {
+                close(*x, y, 1e-14, &format!("{row} after {t}"));
+            }
+            z = [t, z[0], z[1]];
+        }
+    }
+    let compiled = text(
+        "model M { let w = [[0 Hz, -3 Hz], [3 Hz, 0 Hz]] state x = [1 m, 0 m] { dx = w*x }
+           probe length = dot(x, x) probe y = x }",
+    );
+    let l = compiled.linearize(0.0, &|_| None).unwrap_or_else(|e| panic!("{e}"));
+    assert_eq!(l.states, ["x[1]", "x[2]"]);
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 1.0);
+    close(probe(&mut sim, "y[1]"), 3.0f64.cos(), 1e-13, "x[1]");
+    close(probe(&mut sim, "y[2]"), 3.0f64.sin(), 1e-13, "x[2]");
+    close(probe(&mut sim, "length"), 1.0, 1e-13, "length");
+}
+
+/// Outside of its block an output stands still from sample to sample, a sample late; inside it is there at once.
+#[test]
+fn an_output_of_a_computer_is_held() {
+    let compiled = text(
+        "model P(k = 2 Hz) { input u = 0 m output y = k*u }
+         model M { state x = 1 m { dx = -p.y } let direct = x*5 Hz
+           sampled every 0.1 s { P:p(u = x) state same = 0 m/s { next = p.y + direct*0 } state steps = 0 { dsteps = 1/period } }
+           probe place = x probe speed = p.y probe inside = same probe count = steps }",
+    );
+    let mut sim = start(&compiled, Steps::new());
+    let (mut x, mut y) = (1.0, 0.0);
+    for k in 0..30 {
+        let t = 0.1 * f64::from(k);
+        advance(&mut sim, t + 0.05);
+        close(probe(&mut sim, "speed"), y, 1e-13, "p.y");
+        close(probe(&mut sim, "inside"), y, 1e-13, "the same by a state");
+        close(probe(&mut sim, "place"), x - 0.05 * y, 1e-13, "x");
+        close(probe(&mut sim, "count"), f64::from(k), 1e-12, "how many samples");
+        (x, y) = (x - 0.1 * y, 2.0 * x);
+    }
+}
+
+/// Two computers that read each other's outputs: each sees what the other gave, so that there is no circle.
+#[test]
+fn computers_that_read_each_other() {
+    let compiled = text(
+        "model Half { input u = 0 output y = 0.5*u + 1 }
+         model M { sampled every 0.1 s { Half:a(u = b.y) } sampled every 0.1 s { Half:b(u = a.y) }
+           probe y = a.y probe z = b.y }",
+    );
+    let mut sim = start(&compiled, Steps::new());
+    let (mut a, mut b) = (0.0, 0.0);
+    for k in 0..10 {
+        advance(&mut sim, 0.1 * f64::from(k) + 0.05);
+        assert_eq!((probe(&mut sim, "y"), probe(&mut sim, "z")), (a, b), "after sample {k}");
+        (a, b) = (0.5 * b + 1.0, 0.5 * a + 1.0);
+    }
+}
+
+/// What a message says of a signal that is given for a parameter is right.
+#[test]
+fn a_signal_for_a_parameter() {
+    let scene = "model M { C:c = 1 F  R:r = 1 Ohm  Pi:pi(want = 1 V, is = c.e)  Se:u = pi.out  u -> 1:m -> r, c
+        probe y = c.e simulate { stop = 1 s } }";
+    let law = "state sum = 0 V*s { dsum = want - is } let out = kp*(want - is) + ki*sum }";
+    let wrong = format!("model Pi(kp = 2, ki = 5 Hz, want = 0 V, is = 0 V) {{ {law} {scene}");
+    let said = crate::common::errors(&wrong).to_string();
+    assert!(said.contains("write `input is = 0 V`"), "{said}");
+    let right = format!("model Pi(kp = 2, ki = 5 Hz, want = 0 V) {{ input is = 0 V {law} {scene}");
+    let compiled = text(&right);
+    let y = crate::common::end(&compiled, Steps::new(), 1.0, "y");
+    // c' = u - c, u = 2 (1 - c) + 5 s, s' = 1 - c: e = 1 - c goes by e'' + 3 e' + 5 e = 0 with e(0) = 1 and e'(0) = -2.
+    let w = 2.75f64.sqrt();
+    close(y, 1.0 - (-1.5f64).exp() * (w.cos() - 0.5 / w * w.sin()), 1e-9, "y");
+}
+
+/// Rounds add up, by indices: a mean of any number of signals, given as an array.
+#[test]
+fn an_input_for_each_round() {
+    let compiled = text(
+        "model Mean(n = 2) { let total[0] = 0 V for i in 1..n { input x[i] = 0 V let total[i] = total[i-1] + x[i] }
+           output y = total[n]/n }
+         model M { Mean:m(n = 3, x = [1 V, 2 V, 6 V]) Mean:open(n = 2) probe y = m.y probe z = open.y }",
+    );
+    assert_eq!(compiled.inputs(), ["open.x[1]", "open.x[2]"]);
+    let mut sim = start(&compiled, Steps::new());
+    assert_eq!((probe(&mut sim, "y"), probe(&mut sim, "z")), (3.0, 0.0));
+}

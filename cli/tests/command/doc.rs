@@ -138,3 +138,18 @@ fn parameters_have_docs() {
     let json: Value = serde_json::from_str(&json).unwrap();
     assert_eq!(json["libraries"][0]["components"][0]["parameters"][0]["doc"], serde_json::json!(["How stiff it is."]));
 }
+
+/// What a part is given and gives stands apart from what its run shows.
+#[test]
+fn inputs_and_outputs_are_told() {
+    let text =
+        "model Gain(k = 2 N/m) {\n  /// What comes in.\n  input x = 0 m\n  output F = k*x\n  probe seen = x\n}\n";
+    let here = Folder::new().with("a.bond", text);
+    let told = ["\n  inputs\n    x  0 m  What comes in.\n", "\n  outputs\n    F  N\n", "\n  probes\n    seen  m\n"];
+    here.bond(&["doc", "a.bond"]).is(0, &told, &[]);
+    let json = here.bond(&["doc", "a.bond", "--as", "json"]).is(0, &[], &[]).out;
+    let json: Value = serde_json::from_str(&json).unwrap();
+    let part = &json["libraries"][0]["components"][0];
+    assert_eq!((&part["inputs"][0]["unit"], &part["outputs"][0]["unit"]), (&"m".into(), &"N".into()));
+    here.bond(&["doc", "PID"]).is(0, &["inputs\n    want", "outputs\n    u", "What it asks for."], &[]);
+}

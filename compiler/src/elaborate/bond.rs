@@ -335,6 +335,9 @@ impl<'a> Elaborator<'a> {
             return match meant {
                 Some(meant) => error.help(meant),
                 None if !ports.is_empty() => error.help(format!("its ports are {}", ports.join(", "))),
+                None if !self.instances[at].outputs.is_empty() => {
+                    error.help(format!("its outputs are {}", self.instances[at].outputs.join(", ")))
+                }
                 None => {
                     error.help(format!("declare it in the model, for instance as `1:{key}`, or check the spelling"))
                 }

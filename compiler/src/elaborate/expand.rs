@@ -5,8 +5,8 @@ use super::{Decl, Elaborator, Entity, Let, Param, ParamState, PortDecl, ScopeId,
 use crate::element;
 use crate::model::{ElementId, Exchange, Hold, Kind, Sampling};
 use bond_grammar::ast::{
-    self, Chain, Clock, Definition, Element as Decl_, End, Expr, ExprKind, Field, Model as ModelDecl, Name, Sampled,
-    Statement, StatementKind,
+    self, Chain, Clock, Definition, Element as Decl_, End, Expr, ExprKind, Field, For, Model as ModelDecl, Name,
+    Sampled, Statement, StatementKind,
 };
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{Sources, Span};
@@ -128,7 +128,7 @@ impl<'a> Elaborator<'a> {
                 let what = if i < parameters { "parameter" } else { "input" };
                 let message = format!("the {what} `{name}` is given twice");
                 let error = Diagnostic::error("elaborate::twice", second.span, message);
-                self.errors.push(error.label(first.span, "is the first"));
+                self.errors.push(error.label(first.span, "is the first").help("keep one of them"));
             }
         }
         for p in &decl.params {
@@ -212,7 +212,8 @@ impl<'a> Elaborator<'a> {
     fn declare_let(&mut self, scope: ScopeId, it: &'a Definition, sampling: Option<usize>) -> Option<usize> {
         let index = self.lets.len();
         let name = self.declare_definition(scope, it, Entity::Let(index))?;
-        self.lets.push(Let { value: &it.value, scope, sampling, input: None, state: super::LetState::New, name });
+        let (value, state) = (&it.value, super::LetState::New);
+        self.lets.push(Let { value, scope, sampling, input: None, output: None, state, name });
         Some(index)
     }
 
@@ -276,50 +277,7 @@ impl<'a> Elaborator<'a> {
                     self.sampled(block, s.span, scope, sampling, chains);
                     self.sampling = sampling;
                 }
-                StatementKind::For(f) => {
-                    let (from, to) = (self.integer(&f.from, scope), self.integer(&f.to, scope));
-                    let Some((from, to)) = from.zip(to) else {
-                        self.lose(&f.body, scope);
-                        continue;
-                    };
-                    let most = self.limits.rounds;
-                    if self.rounds > most {
-                        continue; // said of the `for` that ran too long
-                    }
-                    let rounds = if to < from { 0 } else { (to as i128 - from as i128 + 1) as u128 };
-                    if rounds > u128::from(most.saturating_sub(self.rounds)) {
-                        self.rounds = most + 1;
-                        let message = if rounds > u128::from(most) {
-                            format!(
-                                "this `for` runs {rounds} times: too many (all loops together may run {most} times)"
-                            )
-                        } else {
-                            format!("with this `for`, all loops together run more than {most} times")
-                        };
-                        self.errors.push(
-                            Diagnostic::error("elaborate::limit", f.from.span.to(f.to.span), message)
-                                .help("lower the bound"),
-                        );
-                        continue;
-                    }
-                    for s in f.body.iter().filter(|_| rounds == 0) {
-                        if let StatementKind::Element(e) = &s.kind {
-                            self.instances[instance].unmade.push((e.name.text.clone(), from, to));
-                        }
-                    }
-                    self.rounds += rounds as u64;
-                    for i in from..=to {
-                        if self.rounds > most || self.too_big(s.span) {
-                            break;
-                        }
-                        if self.errors.len() > 200 {
-                            self.lose(&f.body, scope);
-                            break;
-                        }
-                        let inner_scope = self.new_scope(instance, Some(scope), Some((f.variable.text.clone(), i)));
-                        self.block(&f.body, inner_scope, sampling, true, chains);
-                    }
-                }
+                StatementKind::For(f) => self.rounds_of(f, s.span, scope, sampling, chains),
                 StatementKind::If(c) => match self.truth(&c.condition, scope) {
                     Some(true) => self.block(&c.body, scope, sampling, true, chains),
                     Some(false) => self.block(c.otherwise.as_deref().unwrap_or(&[]), scope, sampling, true, chains),
@@ -351,6 +309,7 @@ impl<'a> Elaborator<'a> {
                 StatementKind::Output(it) => {
                     let Some(value) = self.declare_let(scope, it, sampling) else { continue };
                     let name = self.lets[value].name.clone();
+                    self.lets[value].output = Some(it.name.span);
                     // The outputs of the scene are for those who run it.
                     if scene {
                         self.probes.push((name, it.name.span, value));
@@ -370,6 +329,71 @@ impl<'a> Elaborator<'a> {
                     }
                 }
             }
+        }
+    }
+
+    /// The rounds of a `for`.
+    fn rounds_of(
+        &mut self,
+        f: &'a For,
+        span: Span,
+        scope: ScopeId,
+        sampling: Option<usize>,
+        chains: &mut Vec<(&'a Chain, ScopeId)>,
+    ) {
+        let instance = self.scopes[scope].instance;
+        let (from, to) = (self.integer(&f.from, scope), self.integer(&f.to, scope));
+        let Some((from, to)) = from.zip(to) else {
+            self.lose(&f.body, scope);
+            return;
+        };
+        let most = self.limits.rounds;
+        if self.rounds > most {
+            return; // said of the `for` that ran too long
+        }
+        let rounds = if to < from { 0 } else { (to as i128 - from as i128 + 1) as u128 };
+        if rounds > u128::from(most.saturating_sub(self.rounds)) {
+            self.rounds = most + 1;
+            let message = if rounds > u128::from(most) {
+                format!("this `for` runs {rounds} times: too many (all loops together may run {most} times)")
+            } else {
+                format!("with this `for`, all loops together run more than {most} times")
+            };
+            self.errors.push(
+                Diagnostic::error("elaborate::limit", f.from.span.to(f.to.span), message).help("lower the bound"),
+            );
+            return;
+        }
+        for s in f.body.iter().filter(|_| rounds == 0) {
+            let name = match &s.kind {
+                StatementKind::Element(e) => &e.name,
+                StatementKind::Let(it)
+                | StatementKind::Probe(it)
+                | StatementKind::Input(it)
+                | StatementKind::Output(it)
+                | StatementKind::State(it, _) => &it.name,
+                StatementKind::Chain(_)
+                | StatementKind::Port(..)
+                | StatementKind::Sampled(_)
+                | StatementKind::For(_)
+                | StatementKind::If(_)
+                | StatementKind::Function(_)
+                | StatementKind::Simulate(_)
+                | StatementKind::Expect(_) => continue,
+            };
+            self.instances[instance].unmade.push((name.text.clone(), from, to));
+        }
+        self.rounds += rounds as u64;
+        for i in from..=to {
+            if self.rounds > most || self.too_big(span) {
+                break;
+            }
+            if self.errors.len() > 200 {
+                self.lose(&f.body, scope);
+                break;
+            }
+            let inner_scope = self.new_scope(instance, Some(scope), Some((f.variable.text.clone(), i)));
+            self.block(&f.body, inner_scope, sampling, true, chains);
         }
     }
 

@@ -25,12 +25,13 @@ impl<'a> Elaborator<'a> {
             self.errors.append(&mut self.untold);
         }
         self.make_resolutions();
-        let memories = self.make_memories();
+        let mut memories = self.make_memories();
         let inputs = self.make_inputs();
         let mut whole = self.errors.is_empty();
         let probes = self.make_probes();
         let expectations = self.make_expectations();
         let settings = self.make_settings();
+        memories.extend(self.make_held());
         let said = self.errors.len();
         for p in 0..self.params.len() {
             let span = self.params[p].span;
@@ -311,7 +312,7 @@ impl<'a> Elaborator<'a> {
         if unused.is_empty() {
             return;
         }
-        let (pool, integrals) = (self.pool.clone(), self.integrals.len());
+        let (pool, integrals, held) = (self.pool.clone(), self.integrals.len(), self.held.len());
         let (signals, symbol_of) = (self.signals.clone(), self.symbol_of.clone());
         self.mode = Mode::Outputs;
         // Each as it is written, then what further rounds of loops make of it.
@@ -329,6 +330,7 @@ impl<'a> Elaborator<'a> {
         }
         (self.pool, self.signals, self.symbol_of) = (pool, signals, symbol_of);
         self.integrals.truncate(integrals);
+        self.held.truncate(held);
     }
 
     /// Says which `--set` met no parameter.

@@ -138,7 +138,7 @@ impl<'a> Elaborator<'a> {
             self.scopes[inner].locals.insert(argument.text.clone(), (entity, argument.span));
             let state = LetState::Done(Some(value));
             let (sampling, name) = (self.sampling, argument.text.clone());
-            self.lets.push(Let { value: ast, scope, sampling, input: None, state, name });
+            self.lets.push(Let { value: ast, scope, sampling, input: None, output: None, state, name });
         }
         let outer = self.functions.open.take();
         self.functions.open = Some(Rc::new(Call { function: f, span, outer: outer.clone() }));

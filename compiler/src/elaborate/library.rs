@@ -1,8 +1,9 @@
 //! The bundled library: what `use std.NAME` means.
 
 /// Its files, by name, in alphabetical order.
-pub const LIBRARY: [(&str, &str); 9] = [
+pub const LIBRARY: [(&str, &str); 10] = [
     ("contact", include_str!("../../../models/library/contact.bond")),
+    ("control", include_str!("../../../models/library/control.bond")),
     ("electrical", include_str!("../../../models/library/electrical.bond")),
     ("hydraulics", include_str!("../../../models/library/hydraulics.bond")),
     ("magnetics", include_str!("../../../models/library/magnetics.bond")),

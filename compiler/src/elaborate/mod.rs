@@ -158,6 +158,8 @@ struct Let<'a> {
     sampling: Option<usize>,
     /// Where it is the input of a part that is given there: what the part says of it.
     input: Option<signal::Bound<'a>>,
+    /// Where it is an output, the place of its name.
+    output: Option<Span>,
     state: LetState,
     name: String,
 }
@@ -261,6 +263,8 @@ pub(crate) struct Elaborator<'a> {
     memories: Vec<signal::Remembered<'a>>,
     /// The names of all numbers of `inputs` and of `memories`.
     numbers: signal::Numbers,
+    /// Outputs of `sampled` blocks that are read outside of these.
+    held: Vec<signal::Held>,
     /// The `let`s that are inputs and outputs of parts.
     exchanged: Vec<(usize, Exchange)>,
     /// The `sampled` block that what is being worked out stands in.
@@ -377,6 +381,7 @@ pub fn elaborate(
         inputs: vec![],
         memories: vec![],
         numbers: signal::Numbers::default(),
+        held: vec![],
         exchanged: vec![],
         sampling: None,
         locals: vec![],

@@ -1,6 +1,6 @@
 //! What the names in an expression mean: parameters, `let`s, inputs, states, time, and whatever a path leads to.
 
-use super::{Elaborator, Entity, LetState, Mode, Param, ParamState, ScopeId, Sought, Typed, Unit, Value};
+use super::{Elaborator, Entity, Let, LetState, Mode, Param, ParamState, ScopeId, Sought, Typed, Unit, Value};
 use crate::model::Signal;
 use crate::units::Dimension;
 use bond_grammar::ast;
@@ -393,6 +393,10 @@ impl<'a> Elaborator<'a> {
     pub(super) fn let_value(&mut self, l: usize, at: Span) -> Option<Value> {
         if self.lets[l].input.is_some() {
             self.known_later(&self.lets[l].name.clone(), at)?;
+        }
+        let Let { output, sampling, .. } = self.lets[l];
+        if output.is_some() && sampling.is_some() && sampling != self.sampling && self.mode != Mode::Constant {
+            return self.held_value(l, at);
         }
         match self.lets[l].state.clone() {
             LetState::Done(t) => t,

@@ -44,11 +44,22 @@ pub(super) struct Bound<'a> {
     entry: Vec<i64>,
 }
 
+/// An output of a `sampled` block that is read outside of it, and is not made of the block's states alone. What a
+/// computer finds at a sample it gives at the next one, so that this is a signal state, which starts with 0.
+pub(super) struct Held {
+    /// The `let` that it is.
+    of: usize,
+    /// As it stands in a value.
+    value: Value,
+}
+
 /// The names of all numbers of inputs and of signal states, those of arrays one by one.
 #[derive(Default)]
 pub(super) struct Numbers {
     inputs: Vec<String>,
     memories: Vec<String>,
+    /// The `sampled` blocks of the signal states.
+    samplings: Vec<Option<usize>>,
 }
 
 impl Numbers {
@@ -94,7 +105,7 @@ impl<'a> Elaborator<'a> {
         let input = Some(Bound { default: &it.value, scope, entry });
         self.exchanged.push((self.lets.len(), Exchange::Input));
         let (value, state) = (&given.value, LetState::New);
-        self.lets.push(Let { value, scope: caller, sampling: outside, input, state, name: full });
+        self.lets.push(Let { value, scope: caller, sampling: outside, input, output: None, state, name: full });
     }
 
     /// Declares a signal state.
@@ -137,7 +148,7 @@ impl<'a> Elaborator<'a> {
         given.zip(wanted, &mut |given, wanted| {
             let about = format!("what the input `{name}` is given");
             self.require((&given.unit, place), wanted.unit.clone(), Some(default.span), about, 2);
-            Some(Typed { unit: if given.unit == Unit::Any { wanted.unit } else { given.unit }, ..given })
+            Some(Typed { unit: if wanted.unit == Unit::Any { given.unit } else { wanted.unit }, ..given })
         })
     }
 
@@ -217,13 +228,33 @@ impl<'a> Elaborator<'a> {
             }
             numbers.push(x);
             let name = format!("{name}{}", indices.pop().unwrap_or_default());
-            let names = if of_state { &mut self.numbers.memories } else { &mut self.numbers.inputs };
-            let k = names.len();
-            names.push(name);
+            let k = match of_state {
+                true => self.remember(name, sampling),
+                false => {
+                    self.numbers.inputs.push(name);
+                    self.numbers.inputs.len() - 1
+                }
+            };
             let own = Unit::signal(2 * k + usize::from(of_state));
             Some(Typed { unit: if typed.unit == Unit::Any { own } else { typed.unit }, ..typed })
         })?;
         Some(Start { value, numbers, first })
+    }
+
+    /// Numbers a signal state.
+    fn remember(&mut self, name: String, sampling: Option<usize>) -> usize {
+        self.numbers.memories.push(name);
+        self.numbers.samplings.push(sampling);
+        self.numbers.samplings.len() - 1
+    }
+
+    /// Whether a value stands still from sample to sample of a block, as the states of the block do.
+    fn is_held(&self, value: &Value, sampling: Option<usize>) -> bool {
+        let of_block = |s: Symbol| match self.signals.get(&s) {
+            Some(Signal::Memory(k)) => self.numbers.samplings.get(*k) == Some(&sampling),
+            _ => false,
+        };
+        value.leaves().iter().all(|(_, typed)| self.pool.symbols(typed.expr).into_iter().all(of_block))
     }
 
     /// An input as it stands in a value.
@@ -331,6 +362,71 @@ impl<'a> Elaborator<'a> {
             list.push((Memory { name, symbol, unit: None, start: start_value, law, sampling, span }, unit));
         }
         Some(list)
+    }
+
+    /// An output of a `sampled` block as it stands in a value outside of the block.
+    pub(super) fn held_value(&mut self, l: usize, at: Span) -> Option<Value> {
+        let Let { sampling, scope, .. } = self.lets[l];
+        let name = self.full_name(self.scopes[scope].instance, &self.lets[l].name);
+        // Blocks may read each other's outputs: which shape this one has cannot be told while it is being worked out.
+        let own = match self.lets[l].state {
+            LetState::Open => None,
+            LetState::New | LetState::Done(_) => {
+                let outside = std::mem::replace(&mut self.sampling, sampling);
+                let own = self.let_value(l, at);
+                self.sampling = outside;
+                let own = own?;
+                if self.is_held(&own, sampling) {
+                    return Some(own);
+                }
+                Some(own)
+            }
+        };
+        if let Some(held) = self.held.iter().find(|held| held.of == l) {
+            return Some(held.value.clone());
+        }
+        let zero = Typed { expr: self.pool.int(0), unit: Unit::Any };
+        let own = own.unwrap_or(Value::Scalar(zero));
+        let mut indices: Vec<String> = own.leaves().into_iter().map(|(index, _)| index).rev().collect();
+        let value = own.map(&mut |_| {
+            let k = self.remember(format!("{name}{}", indices.pop().unwrap_or_default()), sampling);
+            let symbol = self.signal(Signal::Memory(k));
+            Some(Typed { expr: self.pool.var(symbol), unit: Unit::signal(2 * k + 1) })
+        })?;
+        self.held.push(Held { of: l, value: value.clone() });
+        Some(value)
+    }
+
+    /// The signal states that outputs of `sampled` blocks are outside of these.
+    pub(super) fn make_held(&mut self) -> Vec<(Memory, Unit)> {
+        let mut list = Vec::new();
+        let mut made = 0;
+        // To work one out may ask for others.
+        while let Some(Held { of, value }) = self.held.get(made) {
+            made += 1;
+            let (l, held) = (*of, value.clone());
+            let Let { sampling, value: law, output: Some(span), .. } = self.lets[l] else { continue };
+            (self.mode, self.sampling) = (Mode::Signals, sampling);
+            let own = self.let_value(l, span);
+            self.sampling = None;
+            let Some(own) = own else { continue };
+            if own.shape() != held.shape() {
+                let message = format!("`{}` is {}, and depends on itself", self.lets[l].name, own.words());
+                let error = Diagnostic::error("elaborate::shape", law.span, message);
+                self.errors.push(error.help("read its entries one by one: give each an output of its own"));
+                continue;
+            }
+            let own: Vec<Typed> = own.leaves().into_iter().map(|(_, t)| t.clone()).collect();
+            let held = held.leaves().into_iter().map(|(_, t)| t.clone()).collect::<Vec<_>>();
+            for (own, held) in own.into_iter().zip(held) {
+                let Node::Symbol(symbol) = *self.pool.node(held.expr) else { continue };
+                let name = self.pool.name(symbol).to_string();
+                self.require((&own.unit, law.span), held.unit.clone(), None, format!("the output `{name}`"), 3);
+                let (start, law) = (0.0, own.expr);
+                list.push((Memory { name, symbol, unit: None, start, law, sampling, span }, held.unit));
+            }
+        }
+        list
     }
 
     /// The signals that parts are given and give, as far as they have been asked for with their units.

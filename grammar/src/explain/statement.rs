@@ -81,6 +81,10 @@ impl Wreck<'_> {
                     let path = self.scan.slice(self.scan.span_of(start + 1).to(self.scan.span_of(end)));
                     format!("a probe has a name: `probe {} = {path}`", path.replace('.', "_"))
                 }
+                // `input Real u`
+                ("input" | "output", next) if self.scan.is_name(self.at) => {
+                    format!("a signal has the unit of its value, and no type: write `{word} {next} = ...`")
+                }
                 _ => format!("write `{word} {name} = ...`"),
             };
             return Some(self.error("syntax::equals", self.at, message).help(help));
@@ -394,7 +398,7 @@ impl Wreck<'_> {
         let names = self.kind(start + 1) == Some(Kind::Word) && self.kind(start) == Some(Kind::Word);
         (self.at == start || names || self.word(self.at).is_empty()).then(|| {
             let help = "a statement declares (`KIND:name = value`), bonds (`a -> b`), or begins with `let`, `probe`, \
-                        `input`, `state`, `port`, `for`, `if`, `sampled`, `simulate` or `expect`";
+                        `input`, `output`, `state`, `port`, `for`, `if`, `sampled`, `simulate` or `expect`";
             let message = format!("`{word}` cannot begin a statement");
             self.error("syntax::statement", start, message).help(help)
         })
@@ -409,7 +413,7 @@ pub(super) fn foreign(word: &str) -> Option<&'static str> {
         }
         "var" | "variable" | "real" | "Real" | "signal" | "def" | "define" => "write `let name = ...`",
         "function" | "func" | "fn" | "fun" => "a function is written `let f(x) = ...`",
-        "output" | "out" | "plot" | "print" | "scope" | "measure" | "display" | "log" => {
+        "out" | "plot" | "print" | "scope" | "measure" | "display" | "log" => {
             "what is to be seen is `probe name = ...`"
         }
         "assert" | "check" | "test" => "write `expect x at 5 s = 0.005 m within 1e-6 m`",
