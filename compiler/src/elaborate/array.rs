@@ -160,7 +160,7 @@ impl<'a> Elaborator<'a> {
         Typed { expr: self.pool.sum(&all), unit }
     }
 
-    /// `len`, `sum`, `dot`, `transpose`, once the number of arguments is right; `None` for another name.
+    /// `len`, `sum`, `dot`, `transpose` and the tables, once the number of arguments is right; `None` for another name.
     pub(super) fn array_function(
         &mut self,
         f: &str,
@@ -172,12 +172,14 @@ impl<'a> Elaborator<'a> {
             "len" | "sum" | "transpose" => 1,
             "dot" => 2,
             "table" => 3,
+            "table2" => 5,
             _ => return None,
         };
         if values.len() != wanted {
             let help = match f {
                 "dot" => "write `dot(a, b)`",
                 "table" => "write `table(x, [x1, x2, ...], [y1, y2, ...])`",
+                "table2" => "write `table2(x, y, [x1, x2, ...], [y1, y2, ...], [[z11, z21, ...], [z12, z22, ...], ...])`",
                 _ => "give it one array",
             };
             let message = format!("`{f}` takes {wanted} argument(s), and got {}", values.len());
@@ -186,6 +188,7 @@ impl<'a> Elaborator<'a> {
         }
         Some(match (f, values) {
             ("table", [x, places, heights]) => self.table([x, places, heights], args, span).map(Value::Scalar),
+            ("table2", [x, y, xs, ys, rows]) => self.surface([x, y, xs, ys, rows], args, span).map(Value::Scalar),
             ("transpose", [m]) => self.rows(m.clone(), &args[0]).map(transposed),
             ("len", [a]) => self.array(a, &args[0]).map(|items| {
                 let expr = self.pool.int(items.len() as i64);

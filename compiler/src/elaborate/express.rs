@@ -13,7 +13,7 @@ use bond_runtime::ir;
 type Extreme = (Symbol, crate::expression::Expr, bool);
 
 /// The functions of the language besides those of a mathematical library.
-const FUNCTIONS: [&str; 16] = [
+const FUNCTIONS: [&str; 17] = [
     "atan2",
     "sqrt",
     "abs",
@@ -26,6 +26,7 @@ const FUNCTIONS: [&str; 16] = [
     "max",
     "integral",
     "table",
+    "table2",
     "sum",
     "dot",
     "len",

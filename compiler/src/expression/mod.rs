@@ -37,6 +37,7 @@ mod pythagoras;
 mod sign;
 mod sign_analysis;
 mod substitute;
+mod surface;
 mod table;
 mod unary;
 mod walk;

@@ -8,35 +8,19 @@ impl Pool {
     /// are, straight on with the end's slope beyond the ends. A balanced tree of choices over cubics.
     /// `None` for fewer than two points, or where a coefficient is no number to compute with.
     pub fn table(&mut self, x: Expr, knots: &[(f64, f64)]) -> Option<Expr> {
-        let slopes = slopes(knots);
-        let (first, last) = (knots.first()?, knots.last()?);
-        let (from, to) = (slopes.first()?, slopes.last()?);
-        let mut cubics = vec![(first.0, [first.1, *from, 0.0, 0.0])];
-        for (pair, m) in knots.windows(2).zip(slopes.windows(2)) {
-            let [(x0, y0), (x1, y1)] = *pair else { return None };
-            let [m0, m1] = *m else { return None };
-            let h = x1 - x0;
-            let d = (y1 - y0) / h;
-            let (first, second, third) =
-                (3.0 * d - 2.0 * m0 - m1, 3.0 * d - m0 - 2.0 * m1, (m0 + m1 - 2.0 * d) / h / h);
-            // In powers of the distance from the end that is nearer to 0, so that an energy keeps its digits near 0.
-            cubics.push(if x0.abs() <= x1.abs() {
-                (x0, [y0, m0, first / h, third])
-            } else {
-                (x1, [y1, m1, -second / h, third])
-            });
+        if knots.len() < 2 {
+            return None;
         }
-        if knots.len() > 2 {
-            cubics.push((last.0, [last.1, *to, 0.0, 0.0]));
-        } else {
+        let (places, heights): (Vec<f64>, Vec<f64>) = knots.iter().copied().unzip();
+        let mut cubics = pieces(&places, &heights, &slopes(knots));
+        if knots.len() == 2 {
             cubics.truncate(1); // two points are one straight line
         }
         if cubics.iter().flat_map(|c| c.1).any(|c| !c.is_finite()) {
             return None;
         }
         let pieces: Vec<Expr> = cubics.iter().map(|&(at, c)| self.cubic(x, at, c)).collect();
-        let places: Vec<f64> = knots.iter().map(|k| k.0).collect();
-        Some(self.choices(x, &places, &pieces))
+        Some(choices(self, x, &places, &pieces))
     }
 
     fn cubic(&mut self, x: Expr, at: f64, coefficients: [f64; 4]) -> Expr {
@@ -48,24 +32,50 @@ impl Pool {
         }
         self.combine(&terms)
     }
+}
 
-    /// `pieces[i]` below `places[i]`, the last one above them all.
-    fn choices(&mut self, x: Expr, places: &[f64], pieces: &[Expr]) -> Expr {
-        if let [one] = pieces {
-            return *one;
-        }
-        let middle = pieces.len() / 2;
-        let below = self.choices(x, &places[..middle - 1], &pieces[..middle]);
-        let above = self.choices(x, &places[middle..], &pieces[middle..]);
-        let place = self.float(places[middle - 1]);
-        let less = self.binary(Binary::Lt, x, place);
-        self.select(less, below, above)
+/// `pieces[i]` below `places[i]`, the last one above them all.
+pub(super) fn choices(pool: &mut Pool, x: Expr, places: &[f64], pieces: &[Expr]) -> Expr {
+    if let [one] = pieces {
+        return *one;
     }
+    let middle = pieces.len() / 2;
+    let below = choices(pool, x, &places[..middle - 1], &pieces[..middle]);
+    let above = choices(pool, x, &places[middle..], &pieces[middle..]);
+    let place = pool.float(places[middle - 1]);
+    let less = pool.binary(Binary::Lt, x, place);
+    pool.select(less, below, above)
+}
+
+/// The cubics through places, with their slopes there, and the straight lines beyond the ends: one more than places.
+/// Each in powers of the distance from a place, which comes with it.
+pub(super) fn pieces(places: &[f64], heights: &[f64], slopes: &[f64]) -> Vec<(f64, [f64; 4])> {
+    let straight = |i: usize| (places[i], [heights[i], slopes[i], 0.0, 0.0]);
+    let mut cubics = vec![straight(0)];
+    for i in 1..places.len() {
+        let (x0, x1, m0, m1) = (places[i - 1], places[i], slopes[i - 1], slopes[i]);
+        let h = x1 - x0;
+        let d = (heights[i] - heights[i - 1]) / h;
+        let mut bends = [2.0 * (d - m0) + (d - m1), (d - m0) + 2.0 * (d - m1), (m0 - d) + (m1 - d)];
+        // What is left of a straight line by rounding is none.
+        if bends.iter().all(|b| b.abs() <= 4.0 * f64::EPSILON * (d.abs() + m0.abs() + m1.abs())) {
+            bends = [0.0; 3];
+        }
+        let [first, second, third] = [bends[0], bends[1], bends[2] / h / h];
+        // In powers of the distance from the end that is nearer to 0, so that an energy keeps its digits near 0.
+        cubics.push(if x0.abs() <= x1.abs() {
+            (x0, [heights[i - 1], m0, first / h, third])
+        } else {
+            (x1, [heights[i], m1, -second / h, third])
+        });
+    }
+    cubics.push(straight(places.len() - 1));
+    cubics
 }
 
 /// The slopes at the points: those of parabolas through three neighbours, 0 where the points turn, and shortened where
 /// the cubic would leave the range of its two points.
-fn slopes(knots: &[(f64, f64)]) -> Vec<f64> {
+pub(super) fn slopes(knots: &[(f64, f64)]) -> Vec<f64> {
     let steps: Vec<f64> = knots.windows(2).map(|k| k[1].0 - k[0].0).collect();
     let rises: Vec<f64> = knots.windows(2).zip(&steps).map(|(k, h)| (k[1].1 - k[0].1) / h).collect();
     if rises.len() < 2 {

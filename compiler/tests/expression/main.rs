@@ -7,6 +7,7 @@ mod factor;
 mod forms;
 mod lower;
 mod print;
+mod surface;
 mod table;
 
 use bond_compiler::expression::{Expr, Pool, Symbol};
