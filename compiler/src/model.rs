@@ -378,6 +378,8 @@ pub enum Signal {
     Slope(usize),
     /// A signal state.
     Memory(usize),
+    /// A `delay(...)`: what a signal was some time ago.
+    Delay(usize),
 }
 
 /// `input u = value`: a signal given from outside.
@@ -413,6 +415,28 @@ pub struct Memory {
     /// The sampled block it stands in.
     pub sampling: Option<usize>,
     /// Its name's place.
+    pub span: Span,
+}
+
+/// `delay(signal, time, start)`.
+///
+/// In a `sampled` block a signal state holds the signal for the first period, and this is what that state was the
+/// other periods ago. In continuous time it is the signal itself, a time ago.
+#[derive(Clone, Debug)]
+pub struct Delay {
+    /// Its name.
+    pub name: String,
+    /// Its symbol.
+    pub symbol: Symbol,
+    /// What is delayed: of a sampled one, the signal state.
+    pub signal: Expr,
+    /// What it is until then, SI.
+    pub start: f64,
+    /// By how long the signal is delayed, s.
+    pub time: f64,
+    /// Of a sampled one, by how many periods the signal state is: one less than the signal.
+    pub periods: Option<u32>,
+    /// Where it stands.
     pub span: Span,
 }
 
@@ -576,6 +600,8 @@ pub struct Model {
     pub memories: Vec<Memory>,
     /// The signals that parts are given and give, in order of declaration.
     pub exchanged: Vec<Exchanged>,
+    /// Delays, in the order in which they were met.
+    pub delays: Vec<Delay>,
     /// Probes in order of declaration.
     pub probes: Vec<Probe>,
     /// Expectations in order of declaration.

@@ -199,6 +199,13 @@ impl Point {
                 self.states.push((m.name.clone(), m.symbol, *law));
             }
         }
+        // What arrives by a delay is an input of the rates.
+        for d in &model.delays {
+            self.at.insert(d.symbol, states(&d.name).unwrap_or(d.start));
+            if d.periods != Some(0) {
+                self.inputs.push((d.name.clone(), d.symbol));
+            }
+        }
         for (i, (integral, rate)) in model.integrals.iter().zip(&form.integrals).enumerate() {
             let name = format!("integral[{i}]");
             self.at.insert(integral.symbol, states(&name).unwrap_or(integral.start));

@@ -99,6 +99,7 @@ pub(crate) fn leave_out(model: &mut Model, names: &[String]) -> Result<(), Vec<D
         bonds: vec![false; model.bonds.len()],
         memories: vec![false; model.memories.len()],
         integrals: vec![false; model.integrals.len()],
+        delays: vec![false; model.delays.len()],
     };
     let bonds = model.bonds_of();
     for name in names {
@@ -162,6 +163,7 @@ pub(crate) struct Removed {
     pub(crate) bonds: Vec<bool>,
     pub(crate) memories: Vec<bool>,
     pub(crate) integrals: Vec<bool>,
+    pub(crate) delays: Vec<bool>,
 }
 
 impl Removed {
@@ -170,6 +172,7 @@ impl Removed {
     fn keep_common(&self, model: &mut Model, bonds: &[Vec<BondId>]) {
         let (elements, all) = (&model.elements, &model.bonds);
         let laws = elements.iter().flat_map(|e| of_law(&e.law)).chain(model.memories.iter().map(|m| m.law));
+        let laws = laws.chain(model.delays.iter().map(|d| d.signal));
         let read: FxHashSet<Symbol> = laws.flat_map(|e| model.pool.symbols(e)).collect();
         let other = |b: BondId, common: Variable| {
             let ends = [all[b.at()].tail, all[b.at()].head];
@@ -200,7 +203,12 @@ impl Removed {
             let name = match *signal {
                 Signal::Effort(b) | Signal::Flow(b) => bond(b),
                 Signal::State(id) | Signal::Argument(id) | Signal::Parameter(id) => element(id),
-                Signal::Time | Signal::Integral(_) | Signal::Input(_) | Signal::Slope(_) | Signal::Memory(_) => None,
+                Signal::Time
+                | Signal::Integral(_)
+                | Signal::Input(_)
+                | Signal::Slope(_)
+                | Signal::Memory(_)
+                | Signal::Delay(_) => None,
             };
             if let Some(name) = name {
                 gone.insert(*symbol, name);
@@ -228,6 +236,7 @@ impl Removed {
         let mut list: Vec<(String, Span, Vec<Expr>)> =
             stays.map(|(_, e)| (format!("`{}`", e.name), e.span, of_law(&e.law))).collect();
         list.extend(model.memories.iter().map(|m| (format!("the state `{}`", m.name), m.span, vec![m.law])));
+        list.extend(model.delays.iter().map(|d| ("a `delay`".into(), d.span, vec![d.signal])));
         list.extend(model.integrals.iter().map(|i| ("an `integral`".into(), i.span, vec![i.rate])));
         list.extend(model.probes.iter().map(|p| (format!("the probe `{}`", p.name), p.span, vec![p.value])));
         list.extend(model.expectations.iter().map(|e| ("an `expect`".into(), e.span, of_expectation(e))));
@@ -237,7 +246,7 @@ impl Removed {
     /// Takes it out of a model in which nothing that stays reads it.
     pub(crate) fn apply(&self, model: &mut Model) {
         let (elements, bonds) = (numbers(&self.elements), numbers(&self.bonds));
-        let (memories, integrals) = (numbers(&self.memories), numbers(&self.integrals));
+        let [memories, integrals, delays] = [&self.memories, &self.integrals, &self.delays].map(|out| numbers(out));
         let element = |id: ElementId| elements[id.at()].map(ElementId);
         let bond = |id: BondId| bonds[id.at()].map(BondId);
         // A field goes as a whole.
@@ -261,6 +270,7 @@ impl Removed {
         retain(&mut model.pseudo, &self.bonds);
         retain(&mut model.memories, &self.memories);
         retain(&mut model.integrals, &self.integrals);
+        retain(&mut model.delays, &self.delays);
         // What nothing drives any more is not looked at.
         model.expectations.retain_mut(|e| {
             let ExpectationKind::PassiveAt(at) = &mut e.kind else { return true };
@@ -282,6 +292,7 @@ impl Removed {
                     Signal::Parameter(id) => Signal::Parameter(element(id)?),
                     Signal::Integral(i) => Signal::Integral(integrals[i]? as usize),
                     Signal::Memory(i) => Signal::Memory(memories[i]? as usize),
+                    Signal::Delay(i) => Signal::Delay(delays[i]? as usize),
                     Signal::Time | Signal::Input(_) | Signal::Slope(_) => signal,
                 };
                 Some((symbol, signal))

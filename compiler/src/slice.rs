@@ -18,6 +18,8 @@ pub struct Unneeded {
     memories: Vec<bool>,
     /// For each `integral`.
     integrals: Vec<bool>,
+    /// For each `delay`.
+    delays: Vec<bool>,
 }
 
 impl Unneeded {
@@ -35,6 +37,7 @@ impl Unneeded {
                 regions: vec![true; graph.regions.len()],
                 memories: vec![true; model.memories.len()],
                 integrals: vec![true; model.integrals.len()],
+                delays: vec![true; model.delays.len()],
             },
             next: Vec::new(),
         };
@@ -53,7 +56,10 @@ impl Unneeded {
             (0..graph.regions.len()).for_each(|r| search.need(Part::Region(r)));
         }
         let found = search.all();
-        [&found.regions, &found.memories, &found.integrals].iter().any(|list| list.contains(&true)).then_some(found)
+        [&found.regions, &found.memories, &found.integrals, &found.delays]
+            .iter()
+            .any(|list| list.contains(&true))
+            .then_some(found)
     }
 
     /// Whether a region is left out.
@@ -85,6 +91,7 @@ impl Unneeded {
             bonds: model.bonds.iter().map(|b| out(b.tail)).collect(),
             memories: self.memories.clone(),
             integrals: self.integrals.clone(),
+            delays: self.delays.clone(),
         };
         gone.apply(&mut model);
         model
@@ -97,6 +104,7 @@ enum Part {
     Region(usize),
     Memory(usize),
     Integral(usize),
+    Delay(usize),
 }
 
 /// From what is needed to what that depends on.
@@ -114,6 +122,7 @@ impl Search<'_> {
             Part::Region(i) => self.found.regions.get_mut(i),
             Part::Memory(i) => self.found.memories.get_mut(i),
             Part::Integral(i) => self.found.integrals.get_mut(i),
+            Part::Delay(i) => self.found.delays.get_mut(i),
         };
         if let Some(out) = out.filter(|out| **out) {
             *out = false;
@@ -133,6 +142,7 @@ impl Search<'_> {
                 Some(Signal::State(id) | Signal::Argument(id) | Signal::Parameter(id)) => self.element(*id),
                 Some(Signal::Integral(i)) => self.need(Part::Integral(*i)),
                 Some(Signal::Memory(i)) => self.need(Part::Memory(*i)),
+                Some(Signal::Delay(i)) => self.need(Part::Delay(*i)),
                 Some(Signal::Time | Signal::Input(_) | Signal::Slope(_)) | None => {}
             }
         }
@@ -143,6 +153,7 @@ impl Search<'_> {
             match part {
                 Part::Memory(i) => self.read(self.model.memories[i].law),
                 Part::Integral(i) => self.read(self.model.integrals[i].rate),
+                Part::Delay(i) => self.read(self.model.delays[i].signal),
                 Part::Region(i) => {
                     for &id in &self.graph.regions[i].elements {
                         of_law(&self.model.element(id).law).into_iter().for_each(|e| self.read(e));

@@ -14,6 +14,7 @@
 //! | [`interpreter`] | the back end that runs programs as they are |
 //! | [`machine`] | the operations that code written once for numbers and for compiled statements may use |
 //! | [`solve`] | Newton's method, dense and sparse elimination |
+//! | [`history`] | what a signal was, as polynomials over steps: delays in continuous time |
 //! | [`exponential`] | the matrix exponential in double-double arithmetic ([`double_double`]) |
 //! | [`simulate`] | the schedule, adaptive steps, events, block execution, the summary |
 //! | [`energy`] | accounts, held ports, predictions and the energy budget, on a [`machine`] |
@@ -128,6 +129,7 @@ pub mod envelope;
 pub mod eval;
 pub mod exponential;
 mod failure;
+pub mod history;
 pub mod interpreter;
 pub mod ir;
 pub mod kernel;

@@ -5,6 +5,7 @@
 //! states of a `sampled` block; or the continuous regions and signal states that read each other's signals.
 
 use crate::exponential::Linear;
+use crate::history::SLOTS;
 use crate::ir::{Array, Program};
 use crate::options::NumericOptions;
 use serde::{Deserialize, Serialize};
@@ -392,6 +393,46 @@ pub struct Port {
     pub is_thermal: bool,
 }
 
+/// A delay of a cluster.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Line {
+    /// Its name.
+    pub name: String,
+    /// What it is until the first that is delayed arrives.
+    pub start: f64,
+    /// What is delayed.
+    pub carried: Carried,
+}
+
+/// What is delayed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Carried {
+    /// Of a sampled cluster, a state, by so many periods. It has one input slot.
+    State {
+        /// Which state.
+        state: usize,
+        /// By how many periods, at least 1.
+        periods: u32,
+    },
+    /// Of a continuous one, a signal. It has [`SLOTS`] input slots: a polynomial over the step.
+    Signal {
+        /// Which output of [`Cluster::instant`].
+        output: usize,
+        /// By how long, s.
+        time: f64,
+    },
+}
+
+impl Carried {
+    /// How many input slots there are for what arrives.
+    pub fn slots(&self) -> usize {
+        match self {
+            Carried::State { .. } => 1,
+            Carried::Signal { .. } => SLOTS,
+        }
+    }
+}
+
 /// Input slots of a signal given from outside: value, slope, and the instant at which it has that value. It is
 /// `value + slope (t - instant)` over a whole step.
 pub const GIVEN: usize = 3;
@@ -494,11 +535,13 @@ pub struct Cluster {
     pub holds: Vec<usize>,
     /// Signals of other clusters that it reads: cluster, output of its `instant`; in order of the input slots.
     pub foreign: Vec<(usize, usize)>,
-    /// First input slot of the foreign signals; after them come [`GIVEN`] slots for each of `inputs`, then for each
-    /// state a trace of the largest value it had.
+    /// First input slot of the foreign signals; after them come [`GIVEN`] slots for each of `inputs`, then those of
+    /// `lines`, then for each state a trace of the largest value it had.
     pub foreign_at: usize,
     /// Signals given from outside that it reads, as indices into the scene's.
     pub inputs: Vec<usize>,
+    /// Delays.
+    pub lines: Vec<Line>,
     /// The ledger's parts.
     pub entries: Vec<Entries>,
     /// Whether its laws are linear, and its step is exact.
@@ -519,9 +562,14 @@ impl Cluster {
         self.foreign_at + self.foreign.len()
     }
 
+    /// First input slot of what arrives by delays.
+    pub fn lines_at(&self) -> usize {
+        self.given_at() + GIVEN * self.inputs.len()
+    }
+
     /// First input slot of the traces.
     pub fn traces_at(&self) -> usize {
-        self.given_at() + GIVEN * self.inputs.len()
+        self.lines_at() + self.lines.iter().map(|line| line.carried.slots()).sum::<usize>()
     }
 
     /// The step along a branch, where there is one.

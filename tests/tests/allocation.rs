@@ -19,6 +19,8 @@ fn nothing_is_allocated_in_a_step() {
         ("examples/quarter_car.bond", None, 0.01),
         ("examples/pid_motor.bond", Some("Continuous"), 0.001),
         ("examples/pid_motor.bond", Some("Sampled"), 0.001),
+        ("elements/delay_sampled.bond", None, 0.01),
+        ("elements/delay.bond", None, 0.01),
     ];
     for (name, scene, h) in cases {
         let mut options = Options::new();

@@ -13,6 +13,7 @@ mod budget;
 mod causality;
 mod classics;
 mod debts;
+mod delays;
 mod determinism;
 mod diagnostics;
 mod elaborate;

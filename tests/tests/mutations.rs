@@ -5,7 +5,7 @@ use bond::{Options, Steps};
 use proptest::prelude::*;
 
 /// Words and signs that mean something.
-const PIECES: [&str; 43] = [
+const PIECES: [&str; 45] = [
     "->",
     "||>",
     "{",
@@ -49,6 +49,7 @@ const PIECES: [&str; 43] = [
     "[1, 2]",
     "table(q, [0, 1, 2], [0, 1, 3])",
     "table2(q, t, [0, 1, 2], [0, 1], [[0, 1, 3], [0, 2, 4]])",
+    "delay(v.f, 10 ms)",
     "a[2]",
 ];
 

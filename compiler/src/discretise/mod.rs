@@ -4,6 +4,7 @@ mod analysis;
 mod assembly;
 mod choice;
 mod cluster;
+mod delays;
 mod equations;
 mod steppers;
 
@@ -59,7 +60,9 @@ pub fn discretise(
 ) -> Result<Scene, Vec<Diagnostic>> {
     let accuracy = accuracy.of_model(model.settings.tolerance, step.or(model.settings.step));
     let tolerance = accuracy.tolerance();
-    let mut clusters = partition::partition(model, form, method.is_some_and(|m| !m.is_for_continuous()));
+    let (form, delays) = delays::spread(model, form);
+    let form = form.as_ref();
+    let mut clusters = partition::partition(model, (form, &delays), method.is_some_and(|m| !m.is_for_continuous()));
     for c in &mut clusters {
         c.thresholds = model.settings.thresholds;
         c.expansions.get_mut().by = c.thresholds.rest;

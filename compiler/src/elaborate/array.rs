@@ -179,7 +179,9 @@ impl<'a> Elaborator<'a> {
             let help = match f {
                 "dot" => "write `dot(a, b)`",
                 "table" => "write `table(x, [x1, x2, ...], [y1, y2, ...])`",
-                "table2" => "write `table2(x, y, [x1, x2, ...], [y1, y2, ...], [[z11, z21, ...], [z12, z22, ...], ...])`",
+                "table2" => {
+                    "write `table2(x, y, [x1, x2, ...], [y1, y2, ...], [[z11, z21, ...], [z12, z22, ...], ...])`"
+                }
                 _ => "give it one array",
             };
             let message = format!("`{f}` takes {wanted} argument(s), and got {}", values.len());

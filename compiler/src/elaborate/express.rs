@@ -13,7 +13,7 @@ use bond_runtime::ir;
 type Extreme = (Symbol, crate::expression::Expr, bool);
 
 /// The functions of the language besides those of a mathematical library.
-const FUNCTIONS: [&str; 17] = [
+const FUNCTIONS: [&str; 18] = [
     "atan2",
     "sqrt",
     "abs",
@@ -25,6 +25,7 @@ const FUNCTIONS: [&str; 17] = [
     "min",
     "max",
     "integral",
+    "delay",
     "table",
     "table2",
     "sum",
@@ -485,6 +486,9 @@ impl<'a> Elaborator<'a> {
         }
         if f == "integral" {
             return self.integral(args, span, scope).map(Value::Scalar);
+        }
+        if f == "delay" {
+            return self.delay(args, span, scope).map(Value::Scalar);
         }
         if !functions().any(|name| name == f) {
             return self.unknown_function(name, args, scope).map(Value::Scalar);

@@ -61,6 +61,13 @@ impl<'a> Elaborator<'a> {
             .map(|(name, span, t)| Probe { name, value: t.expr, unit: known(&t.unit), span })
             .collect();
         let inputs = inputs.into_iter().map(|(i, unit)| Input { unit: known(&unit), ..i }).collect();
+        let (delays, of_delays) = self.make_delays();
+        // Each at its number.
+        let mut memories: Vec<(Memory, Unit)> = memories.into_iter().chain(of_delays).collect();
+        memories.sort_by_key(|(m, _)| match self.signals.get(&m.symbol) {
+            Some(Signal::Memory(number)) => *number,
+            _ => usize::MAX,
+        });
         let memories = memories.into_iter().map(|(m, unit)| Memory { unit: known(&unit), ..m }).collect();
         let bond_units = self.domain_of.iter().map(|&d| (known(&Unit::effort(d)), known(&Unit::flow(d)))).collect();
         let pseudo = self.domain_of.iter().map(|&d| units.pseudo[d]).collect();
@@ -86,6 +93,7 @@ impl<'a> Elaborator<'a> {
             inputs,
             memories,
             exchanged,
+            delays,
             probes,
             expectations,
             settings,
@@ -209,6 +217,7 @@ impl<'a> Elaborator<'a> {
     pub(super) fn law(&mut self, id: ElementId) -> Option<Element> {
         let decl = &self.elements[id.at()];
         let (kind, ast, scope, span) = (decl.kind, decl.ast, decl.scope, decl.span);
+        self.sampling = decl.sampling;
         let bonds = self.bonds_of.get(id.at()).cloned().unwrap_or_default();
         let field = decl.field;
         let law = match (kind, ast) {
@@ -274,10 +283,11 @@ impl<'a> Elaborator<'a> {
         self.circular &= !self.asked.is_empty();
         self.asked.push(id);
         let (before, asked) = (self.errors.len(), self.equations.len());
-        let (mode, locals) = (self.mode, std::mem::take(&mut self.locals));
+        let (mode, sampling, locals) = (self.mode, self.sampling, std::mem::take(&mut self.locals));
         let law = self.law(id);
         self.asked.pop();
         self.mode = mode;
+        self.sampling = sampling;
         self.locals = locals;
         let found = self.errors.split_off(before); // said when its turn comes
         self.untold.extend(found);
@@ -313,6 +323,7 @@ impl<'a> Elaborator<'a> {
             return;
         }
         let (pool, integrals, held) = (self.pool.clone(), self.integrals.len(), self.held.len());
+        let delays = self.delays.len();
         let (signals, symbol_of) = (self.signals.clone(), self.symbol_of.clone());
         self.mode = Mode::Outputs;
         // Each as it is written, then what further rounds of loops make of it.
@@ -331,6 +342,7 @@ impl<'a> Elaborator<'a> {
         (self.pool, self.signals, self.symbol_of) = (pool, signals, symbol_of);
         self.integrals.truncate(integrals);
         self.held.truncate(held);
+        self.delays.truncate(delays);
     }
 
     /// Says which `--set` met no parameter.

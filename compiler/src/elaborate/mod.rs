@@ -6,6 +6,7 @@
 
 mod array;
 mod bond;
+mod delay;
 mod domain;
 mod equation;
 mod expand;
@@ -269,6 +270,7 @@ pub(crate) struct Elaborator<'a> {
     exchanged: Vec<(usize, Exchange)>,
     /// The `sampled` block that what is being worked out stands in.
     sampling: Option<usize>,
+    delays: Vec<delay::Delayed>,
     /// Names that mean something only in the law that is being read: `q`, `f`.
     pub(crate) locals: Vec<(String, Typed)>,
     mode: Mode,
@@ -384,6 +386,7 @@ pub fn elaborate(
         held: vec![],
         exchanged: vec![],
         sampling: None,
+        delays: vec![],
         locals: vec![],
         mode: Mode::Constant,
         depth: 0,

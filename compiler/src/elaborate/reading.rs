@@ -184,6 +184,7 @@ impl<'a> Elaborator<'a> {
             Signal::Input(i) => self.numbers.input(i).to_string(),
             Signal::Slope(i) => format!("slope({})", self.numbers.input(i)),
             Signal::Memory(i) => self.numbers.memory(i).to_string(),
+            Signal::Delay(i) => self.delays[i].name(i),
             Signal::Argument(id) => self.elements[id.at()].name.clone(),
             Signal::Parameter(id) => format!("{}.s", self.elements[id.at()].name),
         };

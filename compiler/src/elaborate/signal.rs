@@ -242,7 +242,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// Numbers a signal state.
-    fn remember(&mut self, name: String, sampling: Option<usize>) -> usize {
+    pub(super) fn remember(&mut self, name: String, sampling: Option<usize>) -> usize {
         self.numbers.memories.push(name);
         self.numbers.samplings.push(sampling);
         self.numbers.samplings.len() - 1

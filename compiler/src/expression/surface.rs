@@ -112,7 +112,10 @@ impl Mesh {
     fn new(xs: &[f64], ys: &[f64], heights: &[Vec<f64>]) -> Self {
         let steps = |places: &[f64]| -> Vec<f64> { places.windows(2).map(|p| p[1] - p[0]).collect() };
         let along = |places: &[f64], lines: &[Vec<f64>]| -> Vec<Vec<f64>> {
-            lines.iter().map(|line| slopes(&places.iter().copied().zip(line.iter().copied()).collect::<Vec<_>>())).collect()
+            lines
+                .iter()
+                .map(|line| slopes(&places.iter().copied().zip(line.iter().copied()).collect::<Vec<_>>()))
+                .collect()
         };
         let z = heights.to_vec();
         let zx = along(xs, &z);

@@ -1,9 +1,9 @@
-//! Signals that no bond carries: what is given from outside, what parts are given and give, and signal states.
+//! Signals that no bond carries: what is given from outside, what parts are given and give, signal states, and delays.
 
 use super::object::object;
 use super::region::UNNEEDED;
 use super::{Shown, name, table};
-use crate::model::{Exchange, Memory};
+use crate::model::{Delay, Exchange, Memory};
 use serde_json::{Map, Value, json};
 
 /// `dz/dt` or `next z`, and the period of one that moves from sample to sample.
@@ -53,7 +53,26 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
         text.push_str("\nsignal states\n");
         text.push_str(&table::lines(2, &rows));
     }
+    let delays = model.delays.iter().zip(&form.delays).filter(|(d, _)| d.periods != Some(0));
+    let rows: Vec<Vec<String>> = delays
+        .map(|(d, signal)| {
+            let signal = name::expression(&model.pool, *signal);
+            vec![d.name.clone(), format!("= {} at 0", name::number(d.start)), format!("then {signal}, {}", by(d))]
+        })
+        .collect();
+    if !rows.is_empty() {
+        text.push_str("\ndelays\n");
+        text.push_str(&table::lines(2, &rows));
+    }
     text
+}
+
+/// By how much something is delayed, in words.
+fn by(d: &Delay) -> String {
+    match d.periods {
+        Some(n) => format!("{n} period{} later", if n == 1 { "" } else { "s" }),
+        None => format!("{} s later", name::number(d.time)),
+    }
 }
 
 /// Fields for all, none where there are none.
@@ -92,6 +111,17 @@ pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
             })
             .collect();
         fields.insert("signal_states".into(), json!(list));
+    }
+    let delays = model.delays.iter().zip(&form.delays).filter(|(d, _)| d.periods != Some(0));
+    let list: Vec<Value> = delays
+        .map(|(d, signal)| {
+            let signal = name::expression(&model.pool, *signal);
+            let time = d.periods.is_none().then_some(d.time);
+            json!(object! { "name": d.name, "of": signal, "initial": d.start, "time": time, "periods": d.periods })
+        })
+        .collect();
+    if !list.is_empty() {
+        fields.insert("delays".into(), json!(list));
     }
     fields
 }

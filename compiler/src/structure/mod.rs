@@ -301,6 +301,8 @@ pub struct Form {
     pub integrals: Vec<Expr>,
     /// Laws of the signal states: rates, or what comes next.
     pub memories: Vec<Expr>,
+    /// What is delayed.
+    pub delays: Vec<Expr>,
     /// The expressions of `expect`, in order: value, or condition and what its extremes are of.
     pub expectations: Vec<Vec<Expr>>,
     /// Sources whose values read the scene's own signals.
@@ -395,6 +397,7 @@ fn form(model: &Model, columns: Vec<Column>) -> Form {
         probes: Vec::new(),
         integrals: Vec::new(),
         memories: Vec::new(),
+        delays: Vec::new(),
         expectations: Vec::new(),
         steered: FxHashSet::default(),
     }

@@ -180,12 +180,18 @@ fn merged(
     Ok(())
 }
 
-/// What probes, integrals, signal states and expectations read.
+/// What probes, integrals, signal states, delays and expectations read.
 fn signals(r: &mut Resolver<'_>, form: &mut Form) -> Result<(), Diagnostic> {
     let probes: Vec<(Expr, Span)> = r.model.probes.iter().map(|p| (p.value, p.span)).collect();
     let integrals: Vec<(Expr, Span)> = r.model.integrals.iter().map(|p| (p.rate, p.span)).collect();
     let memories: Vec<(Expr, Span)> = r.model.memories.iter().map(|m| (m.law, m.span)).collect();
-    for (list, to) in [(probes, &mut form.probes), (integrals, &mut form.integrals), (memories, &mut form.memories)] {
+    let delays: Vec<(Expr, Span)> = r.model.delays.iter().map(|d| (d.signal, d.span)).collect();
+    for (list, to) in [
+        (probes, &mut form.probes),
+        (integrals, &mut form.integrals),
+        (memories, &mut form.memories),
+        (delays, &mut form.delays),
+    ] {
         for (e, span) in list {
             to.push(r.resolve(e, None, span)?);
         }

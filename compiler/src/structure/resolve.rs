@@ -86,7 +86,8 @@ impl<'a> Resolver<'a> {
                     | Signal::Parameter(_)
                     | Signal::Input(_)
                     | Signal::Slope(_)
-                    | Signal::Memory(_),
+                    | Signal::Memory(_)
+                    | Signal::Delay(_),
                 )
                 | None => {
                     return Ok(None);

@@ -31,6 +31,7 @@ pub(super) fn value(model: &Model, form: &Form, s: Symbol) -> f64 {
         Some(Signal::Integral(i)) => model.integrals[*i].start,
         Some(Signal::Input(i)) => model.inputs[*i].value,
         Some(Signal::Memory(i)) => model.memories[*i].start,
+        Some(Signal::Delay(i)) => model.delays[*i].start,
         Some(Signal::Effort(_) | Signal::Flow(_) | Signal::Argument(_) | Signal::Parameter(_)) | None => {
             form.column_of.get(&s).map_or(f64::NAN, |c| given(model, form, *c))
         }

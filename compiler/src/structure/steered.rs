@@ -28,6 +28,7 @@ fn reads_the_scene(model: &Model, form: &Form, value: Expr) -> bool {
             match model.signals.get(&s) {
                 Some(Signal::Time | Signal::Input(_) | Signal::Slope(_)) => continue,
                 Some(Signal::Memory(i)) => next.extend(form.memories.get(*i)),
+                Some(Signal::Delay(i)) => next.extend(form.delays.get(*i)),
                 Some(Signal::Integral(i)) => next.extend(form.integrals.get(*i)),
                 Some(
                     Signal::Effort(_) | Signal::Flow(_) | Signal::State(_) | Signal::Argument(_) | Signal::Parameter(_),

@@ -23,7 +23,15 @@ impl Points {
 
 fn value(bench: &Bench, e: Expr, x: f64, y: f64) -> f64 {
     let (q, p) = (bench.symbol("q"), bench.symbol("p"));
-    bench.pool.eval(e, &|s| if s == q { x } else if s == p { y } else { f64::NAN })
+    bench.pool.eval(e, &|s| {
+        if s == q {
+            x
+        } else if s == p {
+            y
+        } else {
+            f64::NAN
+        }
+    })
 }
 
 /// Points of many shapes: rising both ways, with flat parts and steps, with saddles and peaks, falling in one direction.
@@ -109,8 +117,14 @@ fn does_not_overshoot() {
                         let z = grid[b][a];
                         assert!(low - tolerance <= z && z <= high + tolerance, "{z} outside of {corners:?}");
                         for (rises, before) in [
-                            ((corner(1, 0) - corner(0, 0), corner(1, 1) - corner(0, 1)), a.checked_sub(1).map(|a| grid[b][a])),
-                            ((corner(0, 1) - corner(0, 0), corner(1, 1) - corner(1, 0)), b.checked_sub(1).map(|b| grid[b][a])),
+                            (
+                                (corner(1, 0) - corner(0, 0), corner(1, 1) - corner(0, 1)),
+                                a.checked_sub(1).map(|a| grid[b][a]),
+                            ),
+                            (
+                                (corner(0, 1) - corner(0, 0), corner(1, 1) - corner(1, 0)),
+                                b.checked_sub(1).map(|b| grid[b][a]),
+                            ),
                         ] {
                             let Some(before) = before else { continue };
                             assert!(
@@ -139,9 +153,9 @@ fn slopes_are_continuous() {
         let parts = [e, bench.pool.derivative(e, q), bench.pool.derivative(e, p)];
         let place = |all: &[f64], k: i32| all[0] + (all[all.len() - 1] - all[0]) * (f64::from(k) / 20.0);
         let largest = |e: Expr| {
-            (-2..=22).flat_map(|a| (-2..=22).map(move |b| (a, b))).fold(0.0f64, |m, (a, b)| {
-                m.max(value(&bench, e, place(&points.xs, a), place(&points.ys, b)).abs())
-            })
+            (-2..=22)
+                .flat_map(|a| (-2..=22).map(move |b| (a, b)))
+                .fold(0.0f64, |m, (a, b)| m.max(value(&bench, e, place(&points.xs, a), place(&points.ys, b)).abs()))
         };
         for part in parts {
             let size = largest(part);

@@ -1,8 +1,9 @@
 //! Whether a scene that was read means something: whatever it refers to is there, so that running it cannot fail on
 //! that.
 
-use super::{Branch, Cluster, Entries, ExpectationKind, GIVEN, Guards, Scene, Stepper, Watched};
+use super::{Branch, Carried, Cluster, Entries, ExpectationKind, GIVEN, Guards, Scene, Stepper, Watched};
 use crate::exponential::{Layout, Linear};
+use crate::history::SLOTS;
 use crate::ir::{Array, Inst, Invalid, Program};
 use thiserror::Error;
 
@@ -173,6 +174,9 @@ struct Check<'a> {
     c: &'a Cluster,
 }
 
+/// Numbers that are on their way in the delays of a sampled cluster, at most.
+const MOST_DELAYED: usize = 100_000_000;
+
 impl Check<'_> {
     fn wrong(&self, what: &'static str) -> Unsound {
         Unsound::Reference(self.c.name.clone(), what)
@@ -186,8 +190,31 @@ impl Check<'_> {
     fn inputs(&self) -> Option<usize> {
         let c = self.c;
         let given = GIVEN.checked_mul(c.inputs.len())?;
-        let traces = c.foreign_at.checked_add(c.foreign.len())?.checked_add(given)?;
+        let lines = c.lines.len().checked_mul(SLOTS).filter(|n| *n <= MOST)?;
+        let arriving = c.lines.iter().map(|line| line.carried.slots()).sum::<usize>().min(lines);
+        let traces = c.foreign_at.checked_add(c.foreign.len())?.checked_add(given)?.checked_add(arriving)?;
         traces.checked_add(c.states).filter(|n| *n <= MOST)
+    }
+
+    /// Its delays, and what they keep.
+    fn lines(&self) -> Result<(), Unsound> {
+        let c = self.c;
+        let mut kept = 0usize;
+        for line in &c.lines {
+            self.that(line.start.is_finite(), "a delay begins with no number")?;
+            match line.carried {
+                Carried::State { state, periods } => {
+                    self.that(c.period.is_some() && state < c.states && periods > 0, "a delay has no state")?;
+                    kept = kept.saturating_add(periods as usize);
+                }
+                Carried::Signal { output, time } => {
+                    let is_there = output < c.instant.size(Array::Output);
+                    self.that(c.period.is_none() && is_there, "a delay has no signal")?;
+                    self.that(time.is_finite() && time > 0.0, "a delay is not above 0")?;
+                }
+            }
+        }
+        self.that(kept <= MOST_DELAYED, "its delays are too long")
     }
 
     fn cluster(&self) -> Result<(), Unsound> {
@@ -235,6 +262,7 @@ impl Check<'_> {
             self.scene.clusters.get(*k).is_some_and(|o| *out < o.instant.size(Array::Output))
         };
         self.that(c.foreign.iter().all(shown), "a signal that it reads is not there")?;
+        self.lines()?;
         self.that(c.inputs.iter().all(|i| *i < self.scene.inputs.len()), "an input that it reads is not there")?;
         c.entries.iter().try_for_each(|e| self.entries(e))
     }

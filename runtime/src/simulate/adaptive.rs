@@ -137,12 +137,17 @@ impl Fitted<'_> {
         let parts = [&fit.whole, &fit.first, &fit.second];
         let parts = if plan.whole { &parts[..1] } else { &parts[1..] };
         let mut failed = None;
+        if !run.signals.lines.pasts.is_empty() {
+            run.by_spare = fit.control.stiff;
+            run.signals.aim(&mut run.input, end, plan.end);
+        }
         let at = c.states..c.states + c.integrals;
         for part in parts {
             if let Err(what) = book_step(&run.ledger, &run.layout, c, &part.output) {
                 failed = Some((what, end + part.h, part.next.clone()));
                 break;
             }
+            run.take_down_to(c, end, part.h, &part.next)?;
             end += part.h;
             run.watch(end);
             advance_ports(c, &part.output, part.h, moved);

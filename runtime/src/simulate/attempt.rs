@@ -71,6 +71,8 @@ impl Fitted<'_> {
     }
 
     fn tried(&mut self, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
+        // What arrives by delays is a polynomial over just this step.
+        let coarse = self.run.signals.aim_lines(&mut self.run.input, t, t + h);
         self.stride(t, h, Part::Whole)?;
         let event = self.event(t, h, aim)?;
         let (h, is_event) = (event.map_or(h, |e| e.0), event.is_some());
@@ -84,6 +86,7 @@ impl Fitted<'_> {
         // What ends at a switch was found with a whole step, and so that one counts.
         let near = !is_event && self.is_near();
         let Estimate { error, fresh, worst } = self.estimate(is_event, near)?;
+        let error = error.max(coarse);
         let whole = is_event || self.estimate_at().is_some();
         let off = self.off(whole);
         if off == 0.0 {

@@ -3,6 +3,7 @@
 use super::guard::Watch;
 use super::input_signal::{ClusterInputs, InputSignal};
 use super::program::{Look, Ready};
+use super::record::Record;
 use super::watched::Drawn;
 use super::{Error, Options};
 use crate::energy::{AccountPlaces, Booking, Layout, Ledger, account};
@@ -63,6 +64,8 @@ pub(super) struct Run {
     pub(super) glanced: Vec<f64>,
     /// What is looked at, while something else is.
     aside: Vec<f64>,
+    /// Room for what is taken down of signals that are delayed.
+    pub(super) record: Record,
 }
 
 impl Run {
@@ -81,6 +84,7 @@ impl Run {
         let mut input = vec![0.0; c.branches_at() + branches];
         let signals = ClusterInputs::new(c, given);
         signals.latch(&mut input, 0.0);
+        signals.lines.begin(&mut input);
         leave_traces(&mut input, &state, c);
         let n = c.states;
         let out = stored.run(&state, &input).map_err(|why| Error::Step {
@@ -107,6 +111,7 @@ impl Run {
             traced: c.is_traced(),
             glanced: state.clone(),
             aside: state.clone(),
+            record: Record::new(c, options.tolerance, c.step.program.size(Array::Output)),
             state,
             input,
             signals,
@@ -289,8 +294,10 @@ impl Run {
         if let Err(what) = book_step(&self.ledger, &self.layout, c, &self.step.work.output) {
             return Err(self.unsound(c, (t + h, &self.step.work.next), &what));
         }
+        self.take_down(c, t, h)?;
         // The workspace's numbers mean nothing to the next step.
         std::mem::swap(&mut self.state, &mut self.step.work.next);
+        self.signals.lines.turn(&self.state, &mut self.input);
         self.steps += 1;
         self.watch(t + h);
         advance_ports(c, &self.step.work.output, h, moved);
@@ -383,7 +390,7 @@ impl Run {
     }
 
     /// Moves what is looked at by one step; where that fails, by two halves. Whether it was one.
-    fn glance(&mut self, c: &Cluster, at: f64, h: f64, depth: u32) -> Result<bool, Error> {
+    pub(super) fn glance(&mut self, c: &Cluster, at: f64, h: f64, depth: u32) -> Result<bool, Error> {
         let iterations = self.step.work.newton_iterations;
         let other = self.spare.as_mut().filter(|_| (depth >= OWN) != self.by_spare).or(self.glance.as_mut());
         let ready = other.unwrap_or(&mut self.step);

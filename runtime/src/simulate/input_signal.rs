@@ -1,5 +1,6 @@
 //! Signals given from outside, over time: a value, or a table with values between its rows.
 
+use super::delay_line::DelayLines;
 use crate::scene::{Cluster, GIVEN};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -137,13 +138,20 @@ pub(super) struct ClusterInputs {
     /// First input slot.
     at: usize,
     signals: Vec<InputSignal>,
+    /// What arrives by delays.
+    pub(super) lines: DelayLines,
 }
 
 impl ClusterInputs {
     /// The defaults.
     pub(super) fn new(c: &Cluster, all: &[InputSignal]) -> Self {
         let signals = c.inputs.iter().filter_map(|i| all.get(*i).cloned()).collect();
-        Self { at: c.given_at(), signals }
+        Self { at: c.given_at(), signals, lines: DelayLines::new(c) }
+    }
+
+    /// The same without what is on its way in delays.
+    pub(super) fn without_lines(&self) -> Self {
+        Self { lines: DelayLines::default(), signals: self.signals.clone(), ..*self }
     }
 
     /// Whether it feeds as many signals into the same slots, from tables that have rows.
@@ -158,25 +166,27 @@ impl ClusterInputs {
         self.signals[k].set(now, value, past);
     }
 
-    /// Whether all signals are the same from an instant on.
+    /// Whether all signals are the same from an instant on, and nothing is delayed.
     pub(super) fn is_settled(&self, t: f64) -> bool {
-        self.signals.iter().all(|c| c.is_settled(t))
+        self.lines.is_empty() && self.signals.iter().all(|c| c.is_settled(t))
     }
 
     /// The end of the piece of time from `t` on over which each of the signals changes evenly, if it lies before `end`.
     #[inline]
     pub(super) fn cut(&self, t: f64, end: f64) -> Option<f64> {
-        if self.signals.is_empty() {
+        if self.signals.is_empty() && self.lines.pasts.is_empty() {
             return None;
         }
         let slack = slack(t, end);
-        let next = self.signals.iter().filter_map(|c| c.next(t, slack)).min_by(f64::total_cmp)?;
+        let given = self.signals.iter().filter_map(|c| c.next(t, slack)).min_by(f64::total_cmp);
+        let next = self.lines.next(t, slack).min(given.unwrap_or(f64::INFINITY));
         (next < end - slack).then_some(next)
     }
 
     /// Tells the programs what holds from `t` to `end`, between which no piece begins.
     #[inline]
     pub(super) fn aim(&self, input: &mut [f64], t: f64, end: f64) {
+        self.aim_lines(input, t, end);
         if self.signals.is_empty() {
             return;
         }
@@ -187,11 +197,18 @@ impl ClusterInputs {
         }
     }
 
+    /// Tells the programs what arrives by delays from `t` to `end`. How coarse that is, as a part of the largest values.
+    #[inline]
+    pub(super) fn aim_lines(&self, input: &mut [f64], t: f64, end: f64) -> f64 {
+        if self.lines.pasts.is_empty() { 0.0 } else { self.lines.aim(input, (t, end), slack(t, end)) }
+    }
+
     /// Tells the programs what is at an instant, and holds from then on.
     pub(super) fn latch(&self, input: &mut [f64], t: f64) {
         for (slots, signal) in input[self.at..].chunks_exact_mut(GIVEN).zip(&self.signals) {
             slots.copy_from_slice(&[signal.value(t), 0.0, t]);
         }
+        self.lines.latch(input, t, SAME * t.abs());
     }
 }
 

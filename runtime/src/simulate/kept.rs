@@ -2,6 +2,7 @@
 
 use super::cluster::Run;
 use super::controller::Control;
+use super::delay_line::DelayLines;
 use super::hold::{Held, Report};
 use super::stepping::Stepping;
 use super::watched::Most;
@@ -20,6 +21,7 @@ pub(super) struct Kept {
     steps: u64,
     iterations: u64,
     grid: (f64, u64, f64),
+    lines: DelayLines,
     /// Where its steps are fitted: the controller, the next instant that is met, what went through integrals, and the
     /// largest that guards were.
     fit: Option<(Control, f64)>,
@@ -34,6 +36,7 @@ impl Kept {
             [(&mut self.state, &run.state[..]), (&mut self.input, &run.input), (&mut self.largest, &run.largest)];
         lists.into_iter().chain([(&mut self.moved, moved)]).for_each(|(to, from)| copy(to, from));
         self.ledger.copy_from(&run.ledger);
+        self.lines.keep(&run.signals.lines);
         self.watched.clear();
         self.watched.extend(run.watched.iter().map(|d| d.most));
         (self.steps, self.grid) = (run.steps, (run.base, run.count, run.h));
@@ -53,6 +56,7 @@ impl Kept {
         run.largest.copy_from_slice(&self.largest);
         moved.copy_from_slice(&self.moved);
         run.ledger.copy_from(&self.ledger);
+        run.signals.lines.copy_from(&self.lines);
         run.watched.iter_mut().zip(&self.watched).for_each(|(d, most)| d.most = *most);
         (run.steps, (run.base, run.count, run.h)) = (self.steps, self.grid);
         run.step.work.newton_iterations = self.iterations;

@@ -5,6 +5,7 @@
 
 use super::cluster::Run;
 use super::controller::{Control, Fit};
+use super::delay_line::DelayLines;
 use super::hold::{Held, Report};
 use super::input_signal::{ClusterInputs, InputSignal};
 use super::stepping::Stepping;
@@ -66,6 +67,8 @@ struct Part {
     input: Vec<f64>,
     /// Where it is not what the scene was given: of a run whose inputs were set on the way.
     signals: Option<ClusterInputs>,
+    /// What is on its way in delays.
+    lines: DelayLines,
     ledger: Ledger,
     /// What was drawn where an expectation looks.
     watched: Vec<Most>,
@@ -143,7 +146,8 @@ impl Simulation<'_> {
         Part {
             state: run.state.clone(),
             input: run.input.clone(),
-            signals: (run.signals != fed).then(|| run.signals.clone()),
+            signals: (run.signals.without_lines() != fed.without_lines()).then(|| run.signals.without_lines()),
+            lines: run.signals.lines.clone(),
             ledger: run.ledger.clone(),
             watched: run.watched.iter().map(|d| d.most).collect(),
             steps: run.steps,
@@ -236,10 +240,14 @@ impl<'a> Simulation<'a> {
         same("the ports", &part.moved, &self.moved[i])?;
         let signals = ClusterInputs::new(c, &self.given);
         match part.signals.take() {
-            None => run.signals = signals,
+            None => run.signals = signals.clone(),
             Some(saved) if saved.alike(&signals) => run.signals = saved,
             Some(_) => return Err(Refused::Shape("the inputs")),
         }
+        if !part.lines.alike(&signals.lines) {
+            return Err(Refused::Shape("the delays"));
+        }
+        run.signals.lines = std::mem::take(&mut part.lines);
         if !(positive(part.h) && part.base.is_finite()) {
             return Err(Refused::Shape("the steps"));
         }

@@ -193,7 +193,7 @@ impl Writer {
         }
     }
 
-    pub(super) fn define(&mut self, op: Op) -> Value {
+    pub(in crate::backend) fn define(&mut self, op: Op) -> Value {
         let v = self.fresh(None);
         self.push(Stmt::Let(v, op));
         v

@@ -34,7 +34,9 @@ pub fn block_program(scene: &Scene, options: &Options, start: &Start, constants:
     // What another stepper may have to take, or is kept beside H, is seen to step by step.
     let watched = scene.clusters.iter().any(|c| c.step.fallback.is_some())
         || scene.clusters.iter().flat_map(|c| &c.entries).any(|e| e.modified.is_some());
-    if !scene.open.is_empty() || produced || adaptive || watched || start.takes_tangents {
+    // What is on its way in delays is not in the block of a run.
+    let delayed = scene.clusters.iter().any(|c| !c.lines.is_empty());
+    if !scene.open.is_empty() || delayed || produced || adaptive || watched || start.takes_tangents {
         return None;
     }
     let plan = Plan::new(scene, options, start).ok()?;

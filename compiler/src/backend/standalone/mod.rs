@@ -9,6 +9,7 @@
 mod block;
 mod block_program;
 mod budget;
+mod delay_line;
 mod memory;
 mod places;
 mod sample;
@@ -25,7 +26,7 @@ use bond_runtime::energy::PortResponse;
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Program};
-use bond_runtime::scene::{GIVEN, Scene};
+use bond_runtime::scene::{Carried, GIVEN, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start, paced};
 use places::Cluster;
 use scalar_promotion::{Promoted, Uses, promote};
@@ -236,6 +237,13 @@ impl Plan {
             return Err(format!(
                 "`{}` has a latency: such scenes have no compiled form; leave it to the program that calls, and take it out here, or take --emit exe",
                 c.name
+            ));
+        }
+        let delayed = scene.clusters.iter().flat_map(|c| c.lines.iter().map(move |line| (c, line)));
+        if let Some((c, line)) = delayed.into_iter().find(|(_, l)| matches!(l.carried, Carried::Signal { .. })) {
+            return Err(format!(
+                "`{}` has a delay in continuous time, `{}`: such scenes have no compiled form; put it into a `sampled` block, or take --emit exe",
+                c.name, line.name
             ));
         }
         let open = scene.open.iter().map(|o| (&o.name, o.resolution));

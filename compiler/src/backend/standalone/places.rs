@@ -3,6 +3,7 @@
 use super::block::Block;
 use bond_runtime::energy::{Layout, Place};
 use bond_runtime::ir::Array;
+use super::delay_line::DelayLine;
 use bond_runtime::scene;
 use bond_runtime::simulate::StartCluster;
 
@@ -19,6 +20,8 @@ pub(super) struct Cluster {
     /// Of a sampled one, the number of its next sample, and intervals left to it.
     pub(super) count: usize,
     pub(super) left: usize,
+    /// What is on its way in its delays.
+    pub(super) lines: Vec<DelayLine>,
     /// Where the first number of its ledger is, and where the others are from there.
     pub(super) ledger: usize,
     pub(super) layout: Layout,
@@ -56,6 +59,7 @@ impl Cluster {
         let moved = block.take(c.ports.len());
         let count = block.put(&[if c.period.is_some() { 1.0 } else { 0.0 }]);
         let left = block.take(1);
+        let lines = DelayLine::all(block, c);
         let layout = Layout::new(index, c, full);
         let mut numbers = layout.start(c, start.energies.iter().copied());
         for (h, p) in start.held.iter().zip(&layout.held) {
@@ -70,6 +74,7 @@ impl Cluster {
             moved,
             count,
             left,
+            lines,
             ledger,
             layout,
             iterations,

@@ -54,7 +54,8 @@ pub(crate) fn find(c: &Cluster, model: &mut Model, form: &Form, held: bool) -> O
     // too.
     let ratio = |s: &&State| s.column.is_none() || model.pool.any_node(s.rate, &smoothness::is_kink);
     let rates: Vec<Expr> = c.states.iter().filter(ratio).map(|s| s.rate).collect();
-    for rate in rates.into_iter().chain(c.integrals.iter().map(|i| i.rate)) {
+    // What is delayed arrives as it is.
+    for rate in rates.into_iter().chain(c.integrals.iter().map(|i| i.rate)).chain(c.carried()) {
         roots.push(model.pool.substitute(rate, &flat));
     }
     roots.sort_unstable();
@@ -62,6 +63,7 @@ pub(crate) fn find(c: &Cluster, model: &mut Model, form: &Form, held: bool) -> O
     let mut known: FxHashSet<Symbol> = c.states.iter().map(|s| s.symbol).chain(inputs.clone()).chain(c.time).collect();
     // Signals of samples stay until the next one, where a step ends in any case.
     known.extend(&c.foreign);
+    known.extend(c.lines.iter().flat_map(|line| &line.coefficients));
     let still: FxHashSet<Symbol> = c.foreign.iter().copied().chain(inputs.filter(|_| held)).collect();
     let loops = if c.loops.len() <= LOOPS { c.loops.clone() } else { Vec::new() };
     known.extend(&loops);

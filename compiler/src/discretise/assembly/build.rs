@@ -3,7 +3,7 @@
 use crate::discretise::analysis::{energy_minimum, fastest_period, fastest_turn, initial_loops, smoothness};
 use crate::discretise::assembly::{guards, hold, observation, stored_energy};
 use crate::discretise::choice::{self, Accuracy};
-use crate::discretise::cluster::Cluster;
+use crate::discretise::cluster::{Carries, Cluster, Line};
 use crate::discretise::equations::accounts;
 use crate::discretise::steppers::label::Step;
 use crate::discretise::steppers::{Method, discrete_update, exact, unknown_method};
@@ -60,6 +60,7 @@ pub(crate) fn build(
     let hold = sampling.as_ref().map(|s| if is_ray && !s.hold_given { Hold::Lagged } else { s.hold });
     let respond = hold.map(|hold| hold::write(c, model, form, hold, &holds, is_ray)).transpose()?.flatten();
     let (instant, layout) = observation::write(c, model, form, shows, step.properties.stiffly_accurate)?;
+    let lines = lines(c, layout.carried);
     let (mut fastest, mut guards) = (None, None);
     if sampling.is_none() {
         fastest = fastest_period::fastest_period(c, model, &smoothness::laws(c), model.settings.end);
@@ -101,6 +102,7 @@ pub(crate) fn build(
         foreign,
         foreign_at: 2 + c.ports.len(),
         inputs: c.inputs.iter().map(|i| i.0).collect(),
+        lines,
         entries,
         is_linear,
         has_changing_response,
@@ -174,6 +176,20 @@ fn state(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Vec<f64>, Vec<S
     names.extend(c.states.iter().map(|s| format!("carry({})", s.name)));
     names.extend((0..c.memory).map(|i| format!("of the last step({i})")));
     Ok((initial, names))
+}
+
+/// Its delays; what is delayed in continuous time starts at an output of the observation.
+fn lines(c: &Cluster, first: usize) -> Vec<scene::Line> {
+    let mut outputs = first..;
+    let line = |line: &Line| scene::Line {
+        name: line.name.clone(),
+        start: line.start,
+        carried: match line.carries {
+            Carries::State(state, periods) => scene::Carried::State { state, periods },
+            Carries::Signal(_, time) => scene::Carried::Signal { output: outputs.next().unwrap_or(first), time },
+        },
+    };
+    c.lines.iter().map(line).collect()
 }
 
 /// Its ports, whose observed variables start at an output.

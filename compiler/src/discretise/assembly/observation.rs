@@ -12,6 +12,8 @@ use bond_runtime::ir::{Array, Binary, Builder, Program, Slot, Value};
 /// Where things are among the outputs: the signals shown come first.
 pub(crate) struct Layout {
     pub(crate) ports: usize,
+    /// What is delayed in continuous time.
+    pub(crate) carried: usize,
 }
 
 /// The length of the last step, where the stepper keeps it.
@@ -48,12 +50,17 @@ pub(crate) fn write(
     let pull = Pull { curves: c.thresholds.regular.pull, switches };
     let mut list: Vec<(String, Expr)> = Vec::new();
     for s in shows {
-        list.push((model.pool.name(*s).to_string(), model.pool.var(*s)));
+        let arrives = c.lines.iter().find(|line| line.symbol == *s).map(|line| line.value);
+        let e = arrives.unwrap_or_else(|| model.pool.var(*s));
+        list.push((model.pool.name(*s).to_string(), e));
     }
-    let layout = Layout { ports: list.len() };
+    let layout = Layout { ports: list.len(), carried: list.len() + c.ports.len() };
     for p in &c.ports {
         let e = form.input(&mut model.pool, *p);
         list.push((format!("out({})", form.column(*p).name), e));
+    }
+    for (i, e) in c.carried().enumerate() {
+        list.push((format!("delayed({})", i + 1), e));
     }
     let wanted: Vec<Expr> = list.iter().map(|l| l.1).collect();
     let flat = outputs(c, model, form, &mut b, &mut lowering, (&inputs.guesses, pull), Some(&wanted))?;

@@ -5,6 +5,7 @@ pub(crate) mod energy_form;
 pub(crate) mod maclaurin;
 pub(crate) mod partition;
 
+use crate::discretise::delays::Coefficients;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Model, Signal};
@@ -134,6 +135,41 @@ pub(crate) enum Recall {
     Rate,
 }
 
+/// A delay.
+#[derive(Clone, Debug)]
+pub(crate) struct Line {
+    /// What the signal was.
+    pub(crate) symbol: Symbol,
+    /// The name of it.
+    pub(crate) name: String,
+    /// Of one in continuous time, what it is made of within a step.
+    pub(crate) coefficients: Coefficients,
+    /// What the signal was, in terms of these, or its symbol.
+    pub(crate) value: Expr,
+    /// What it is until the first that is delayed arrives.
+    pub(crate) start: f64,
+    pub(crate) carries: Carries,
+}
+
+/// What is delayed, and by how much.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Carries {
+    /// A signal state, by its place in the cluster; so many periods.
+    State(usize, u32),
+    /// A signal; so long, s.
+    Signal(Expr, f64),
+}
+
+impl Line {
+    /// The symbols of its input slots.
+    pub(crate) fn slots(&self) -> Vec<Symbol> {
+        match self.carries {
+            Carries::State(..) => vec![self.symbol],
+            Carries::Signal(..) => self.coefficients.clone(),
+        }
+    }
+}
+
 /// Regions that step as one.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Cluster {
@@ -156,6 +192,8 @@ pub(crate) struct Cluster {
     pub(crate) foreign: Vec<Symbol>,
     /// Inputs that it reads, by number: value and slope.
     pub(crate) inputs: Vec<(usize, Symbol, Symbol)>,
+    /// Delays.
+    pub(crate) lines: Vec<Line>,
     pub(crate) time: Option<Symbol>,
     pub(crate) h: Option<Symbol>,
     /// Change of each state over a step.
@@ -262,7 +300,16 @@ impl Cluster {
             all.extend(n.how.expressions());
         }
         all.extend(self.integrals.iter().map(|i| i.rate));
+        all.extend(self.carried());
         all
+    }
+
+    /// The signals that are delayed in continuous time.
+    pub(crate) fn carried(&self) -> impl Iterator<Item = Expr> {
+        self.lines.iter().filter_map(|line| match line.carries {
+            Carries::Signal(e, _) => Some(e),
+            Carries::State(..) => None,
+        })
     }
 
     /// Symbols that this cluster has values for.
@@ -274,6 +321,7 @@ impl Cluster {
             .chain(self.nodes.iter().flat_map(|n| [n.out, n.unknown()]))
             .chain(ports)
             .chain(self.integrals.iter().map(|i| i.symbol))
+            .chain(self.lines.iter().flat_map(|line| line.coefficients.iter().copied().chain([line.symbol])))
             .collect()
     }
 
@@ -520,7 +568,8 @@ pub(crate) fn input_of(model: &Model, s: Symbol) -> Option<usize> {
             | Signal::Integral(_)
             | Signal::Argument(_)
             | Signal::Parameter(_)
-            | Signal::Memory(_),
+            | Signal::Memory(_)
+            | Signal::Delay(_),
         )
         | None => None,
     }

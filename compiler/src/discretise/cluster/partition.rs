@@ -1,6 +1,7 @@
 //! The partition of regions and signal states into clusters, which step as one.
 
-use crate::discretise::cluster::{Cluster, Integral, State};
+use crate::discretise::cluster::{Carries, Cluster, Integral, Line, State};
+use crate::discretise::delays::Spread;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
 use crate::model::{Model, Signal};
@@ -14,6 +15,7 @@ struct Block {
     region: Option<usize>,
     memories: Vec<usize>,
     integrals: Vec<usize>,
+    delays: Vec<usize>,
 }
 
 /// The blocks: regions first, then signal states.
@@ -166,9 +168,37 @@ fn hold_together(
     }
 }
 
+/// Gives each delay to a block, and says what it reads there: a sampled one to that of its signal state, another to the
+/// first continuous block that its signal reads, or else to the first that there is. A sampled one by a single period is
+/// its signal state.
+fn place_delays(
+    model: &Model,
+    (form, spread): (&Form, &[Spread]),
+    pool: &Pool,
+    blocks: &mut Vec<Block>,
+    owner: &mut FxHashMap<Symbol, usize>,
+) -> Vec<(usize, Vec<Symbol>)> {
+    let mut list = Vec::new();
+    for (i, (d, signal)) in model.delays.iter().zip(&form.delays).enumerate().filter(|(_, (d, _))| d.periods != Some(0))
+    {
+        let read = pool.symbols(*signal);
+        let fits = |b: &usize| d.periods.is_some() || blocks[*b].sampling.is_none();
+        let home = read.iter().filter_map(|s| owner.get(s).copied()).find(fits);
+        let home = home.or_else(|| (0..blocks.len()).find(|b| blocks[*b].sampling.is_none()));
+        let home = home.unwrap_or_else(|| {
+            blocks.push(Block::default());
+            blocks.len() - 1
+        });
+        owner.extend(spread[i].0.iter().copied().chain([d.symbol]).map(|s| (s, home)));
+        blocks[home].delays.push(i);
+        list.push((home, read));
+    }
+    list
+}
+
 /// All clusters: sampled regions alone, or with those that hold for the same one at the same instants; continuous ones
 /// with those whose signals they read or that read theirs. `apart`: whether none hold together.
-pub(crate) fn partition(model: &mut Model, form: &Form, apart: bool) -> Vec<Cluster> {
+pub(crate) fn partition(model: &mut Model, (form, spread): (&Form, &[Spread]), apart: bool) -> Vec<Cluster> {
     let mut blocks = blocks(model, form);
     let mut owner: FxHashMap<Symbol, usize> = FxHashMap::default();
     for (i, r) in form.regions.iter().enumerate() {
@@ -213,11 +243,12 @@ pub(crate) fn partition(model: &mut Model, form: &Form, apart: bool) -> Vec<Clus
     for (i, &home) in homes.iter().enumerate() {
         blocks[home].integrals.push(i);
     }
+    let of_delays = place_delays(model, (form, spread), &pool, &mut blocks, &mut owner);
     let mut sets = petgraph::unionfind::UnionFind::<usize>::new(blocks.len());
     let mut solved: FxHashSet<Symbol> = FxHashSet::default();
     let mut reads: FxHashSet<(usize, usize)> = FxHashSet::default();
     let of_integrals = homes.iter().zip(&form.integrals).map(|(home, e)| (*home, pool.symbols(*e)));
-    for (i, read) in read_by.into_iter().enumerate().chain(of_integrals) {
+    for (i, read) in read_by.into_iter().enumerate().chain(of_integrals).chain(of_delays) {
         for s in read {
             let Some(&j) = owner.get(&s) else { continue };
             solved.insert(s);
@@ -249,6 +280,19 @@ pub(crate) fn partition(model: &mut Model, form: &Form, apart: bool) -> Vec<Clus
             let (m, rate) = (&model.memories[m], form.memories[m]);
             let (symbol, name) = (m.symbol, m.name.clone());
             c.states.push(State { symbol, name, column: None, initial: m.start, rate, jumps: m.sampling.is_some() });
+        }
+        for &k in &block.delays {
+            let (d, signal) = (&model.delays[k], form.delays[k]);
+            let carries = match d.periods {
+                Some(n) => match c.states.iter().position(|s| pool.symbols(signal) == [s.symbol]) {
+                    Some(state) => Carries::State(state, n),
+                    None => continue,
+                },
+                None => Carries::Signal(signal, d.time),
+            };
+            let (symbol, name, start) = (d.symbol, d.name.clone(), d.start);
+            let (coefficients, value) = spread[k].clone();
+            c.lines.push(Line { symbol, name, coefficients, value, start, carries });
         }
         for &k in &block.integrals {
             let (integral, rate) = (&model.integrals[k], form.integrals[k]);

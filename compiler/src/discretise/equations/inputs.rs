@@ -1,6 +1,6 @@
 //! The values that a step program starts from, and how states are advanced.
 
-use crate::discretise::cluster::{Cluster, missing};
+use crate::discretise::cluster::{Cluster, Line, missing};
 use crate::expression::{Expr, Lowering, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{Form, Output};
@@ -43,6 +43,9 @@ pub(crate) fn inputs(b: &mut Builder, c: &Cluster, form: &Form, model: &Model) -
         .flat_map(|(_, u, _)| ["value", "slope", "since"].map(|what| format!("{what}({})", model.pool.name(*u))))
         .map(|name| b.named(Array::Input, name))
         .collect();
+    for s in c.lines.iter().flat_map(Line::slots) {
+        env.push((s, b.named(Array::Input, model.pool.name(s))));
+    }
     let traces: Vec<Slot> = c.states.iter().map(|s| b.named(Array::Input, format!("trace({})", s.name))).collect();
     let states: Vec<Slot> = c.states.iter().map(|s| b.named(Array::State, s.name.clone())).collect();
     let integrals: Vec<Slot> = c.integrals.iter().map(|i| b.named(Array::State, model.pool.name(i.symbol))).collect();

@@ -79,7 +79,12 @@ impl Rows {
 pub(crate) fn rows(c: &Cluster, model: &mut Model, form: &Form) -> Option<Rows> {
     let time = c.time?;
     let n = c.states.len();
-    if n > LARGEST || c.nodes.len() > OUTPUTS || c.has_moving_source_driven_storage(&model.pool) {
+    // What arrives by delays in continuous time is no drive of these.
+    if c.carried().next().is_some()
+        || n > LARGEST
+        || c.nodes.len() > OUTPUTS
+        || c.has_moving_source_driven_storage(&model.pool)
+    {
         return None;
     }
     let given = c.inputs.iter().map(|(_, u, du)| (*u, *du)).collect();

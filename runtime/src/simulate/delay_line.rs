@@ -1,0 +1,157 @@
+//! What is on its way in the delays of a cluster: of a sampled one numbers in a ring, of a continuous one what the signal
+//! was ([`History`]).
+
+use crate::history::{History, SLOTS};
+use crate::scene::{Carried, Cluster};
+use serde::{Deserialize, Serialize};
+
+/// How many more numbers a ring has than it delays by: so far it can be turned back.
+const SPARE: usize = 4;
+
+/// A signal state, so many periods ago.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Ring {
+    /// Which state, and the input slot of what it was.
+    state: usize,
+    slot: usize,
+    periods: usize,
+    /// Where the next number goes.
+    next: usize,
+    values: Vec<f64>,
+}
+
+impl Ring {
+    /// Takes a number in, and gives the one that was so many periods ago.
+    fn turn(&mut self, x: f64) -> f64 {
+        let n = self.values.len();
+        let old = (self.next + n - self.periods) % n;
+        self.values[self.next] = x;
+        self.next = (self.next + 1) % n;
+        self.values[old]
+    }
+}
+
+/// A signal of continuous time, a while ago.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Past {
+    /// Which output of the cluster's observation it is.
+    pub(super) output: usize,
+    /// The first input slot of what it was.
+    slot: usize,
+    pub(super) history: History,
+}
+
+/// The delays of a cluster.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct DelayLines {
+    rings: Vec<Ring>,
+    pub(super) pasts: Vec<Past>,
+}
+
+impl DelayLines {
+    /// Those of a cluster at its start.
+    pub(super) fn new(c: &Cluster) -> Self {
+        let mut lines = Self::default();
+        let mut slot = c.lines_at();
+        for line in &c.lines {
+            match line.carried {
+                Carried::State { state, periods } => {
+                    let values = vec![line.start; periods as usize + SPARE];
+                    lines.rings.push(Ring { state, slot, periods: periods as usize, next: 0, values });
+                }
+                Carried::Signal { output, time } => {
+                    lines.pasts.push(Past { output, slot, history: History::new(time, line.start) });
+                }
+            }
+            slot += line.carried.slots();
+        }
+        lines
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.rings.is_empty() && self.pasts.is_empty()
+    }
+
+    /// Whether they may stand for others.
+    pub(super) fn alike(&self, other: &Self) -> bool {
+        let place = |r: &Ring| (r.state, r.slot, r.periods, r.values.len());
+        let rings = self.rings.iter().zip(&other.rings).all(|(a, b)| place(a) == place(b) && a.next < a.values.len());
+        let pasts = self.pasts.iter().zip(&other.pasts);
+        (self.rings.len(), self.pasts.len()) == (other.rings.len(), other.pasts.len())
+            && rings
+            && pasts.into_iter().all(|(a, b)| (a.output, a.slot) == (b.output, b.slot) && a.history.alike(&b.history))
+    }
+
+    /// Tells the programs what has arrived before the first sample.
+    pub(super) fn begin(&self, input: &mut [f64]) {
+        for ring in &self.rings {
+            input[ring.slot] = ring.values[0];
+        }
+    }
+
+    /// A step of a sampled cluster is over.
+    pub(super) fn turn(&mut self, state: &[f64], input: &mut [f64]) {
+        for ring in &mut self.rings {
+            input[ring.slot] = ring.turn(state[ring.state]);
+        }
+    }
+
+    /// The first instant after `t` at which a step has to end.
+    pub(super) fn next(&self, t: f64, slack: f64) -> f64 {
+        self.pasts.iter().map(|p| p.history.next(t, slack)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Tells the programs what will have been from `t` to `end`. How coarse that is, as a part of the largest values.
+    pub(super) fn aim(&self, input: &mut [f64], (t, end): (f64, f64), slack: f64) -> f64 {
+        let aim = |p: &Past| p.history.aim((t, end), slack, &mut input[p.slot..p.slot + SLOTS]);
+        self.pasts.iter().map(aim).fold(0.0, f64::max)
+    }
+
+    /// Tells the programs what arrives at an instant.
+    pub(super) fn latch(&self, input: &mut [f64], t: f64, slack: f64) {
+        for p in &self.pasts {
+            let slots = &mut input[p.slot..p.slot + SLOTS];
+            slots.fill(0.0);
+            slots[0] = p.history.arriving(t, slack);
+            slots[SLOTS - 1] = t;
+        }
+    }
+
+    /// Which derivative of what arrives may jump at an instant.
+    pub(super) fn arrives(&self, t: f64, slack: f64) -> Option<u32> {
+        self.pasts.iter().filter_map(|p| p.history.arrives(t, slack)).min()
+    }
+
+    /// Becomes others, as they were a little while ago: of rings it is enough to turn them back.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.rings.iter_mut().zip(&other.rings).for_each(|(to, from)| to.next = from.next);
+        self.pasts.iter_mut().zip(&other.pasts).for_each(|(to, from)| to.history.copy_from(&from.history));
+    }
+
+    /// As much of it as [`Self::copy_from`] looks at.
+    pub(super) fn keep(&mut self, other: &Self) {
+        self.rings.resize(other.rings.len(), Ring::default());
+        self.pasts.resize(other.pasts.len(), Past::default());
+        self.copy_from(other);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Ring, SPARE};
+
+    #[test]
+    fn a_ring_gives_what_was() {
+        for periods in [1, 2, 7] {
+            let mut ring = Ring { periods, values: vec![0.0; periods + SPARE], ..Ring::default() };
+            for k in 1..40 {
+                let back = ring.next;
+                let found = ring.turn(k as f64);
+                assert_eq!(found, (k as f64 - periods as f64).max(0.0), "{periods} {k}");
+                // Taken again after having been turned back.
+                ring.next = back;
+                assert_eq!(ring.turn(k as f64), found);
+            }
+        }
+    }
+}
