@@ -62,8 +62,8 @@ mod steps;
 pub use bond_grammar::diagnostic::{Diagnostic, Label};
 pub use bond_grammar::source::{Source, SourceId, Sources, Span};
 pub use bond_runtime::simulate::{
-    BarSummary, ElementEnergy, ElementEntropy, InputSignal, Modified, PortPassivity, RegionSummary, SteeredSource,
-    Summary, Unfit,
+    BarSummary, ElementEnergy, ElementEntropy, InputSignal, LineSummary, Modified, PortPassivity, RegionSummary,
+    SteeredSource, Summary, Unfit,
 };
 pub use compile::{Compiled, Options, Text, compile_file, compile_str};
 pub use errors::Errors;

@@ -3,7 +3,7 @@
 use crate::bench::Setting;
 use crate::choose::Chosen;
 use crate::stop::Stop;
-use bond::{RegionSummary, RunError, SteeredSource, Summary};
+use bond::{LineSummary, RegionSummary, RunError, SteeredSource, Summary};
 use bond_compiler::elaborate::told;
 use bond_runtime::scene::{LeftOut, Scene, Steering};
 use serde::ser::{Serialize, SerializeMap, Serializer};
@@ -125,6 +125,10 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         writeln!(out, "{:11} not measured: no stepper of this run keeps it", "balance")?;
     } else {
         writeln!(out, "{:11} worst step {}, total {} (relative)", "balance", short(s.worst_step), short(s.total))?;
+    }
+    for (i, l) in s.lines.iter().enumerate() {
+        let what = if i == 0 { "lines" } else { "" };
+        writeln!(out, "{what:11} {}: {} J on the way", l.name, short(l.energy))?;
     }
     if let Some(left) = left_out(&o.scene.left_out) {
         writeln!(out, "{:11} {left}", "left out")?;
@@ -380,6 +384,8 @@ impl Serialize for Json<'_> {
             })
             .collect();
         map.serialize_entry("bars", &bars)?;
+        let line = |l: &LineSummary| serde_json::json!({"name": l.name, "on_the_way": l.energy});
+        map.serialize_entry("lines", &s.lines.iter().map(line).collect::<Vec<_>>())?;
         map.serialize_entry("final", &Final(o))?;
         if let Some(c) = o.chosen {
             map.serialize_entry("chosen", &Choice(c))?;

@@ -267,6 +267,8 @@ pub struct Element {
     pub added: bool,
     /// The field that it is a port of, and which one.
     pub field: Option<(usize, usize)>,
+    /// The line that it is a port of.
+    pub line: Option<usize>,
     /// Its declaration.
     pub span: Span,
 }
@@ -436,8 +438,26 @@ pub struct Delay {
     pub time: f64,
     /// Of a sampled one, by how many periods the signal state is: one less than the signal.
     pub periods: Option<u32>,
+    /// Whether it is a wave on a line: in a sampled block what went in over an interval comes out over another one.
+    pub wave: bool,
     /// Where it stands.
     pub span: Span,
+}
+
+impl Delay {
+    /// Whether it is no more than its signal state.
+    pub fn is_state(&self) -> bool {
+        self.periods == Some(0) && !self.wave
+    }
+}
+
+/// A lossless line, `TL(a, b):line { ... }`.
+#[derive(Clone, Debug)]
+pub struct TransmissionLine {
+    /// Its path.
+    pub name: String,
+    /// Its ports.
+    pub ends: [ElementId; 2],
 }
 
 /// `integral(expr, start)`.
@@ -590,6 +610,8 @@ pub struct Model {
     pub bonds: Vec<Bond>,
     /// Multiport fields in order of declaration.
     pub fields: Vec<Field>,
+    /// Lossless lines in order of declaration.
+    pub lines: Vec<TransmissionLine>,
     /// `sampled` blocks.
     pub samplings: Vec<Sampling>,
     /// Integrals.
@@ -697,7 +719,7 @@ impl Model {
             name: format!("{} -> {what}", owner.name),
             span: owner.span,
         };
-        self.elements.push(Element { kind, law, active: false, field: None, added: true, ..owner });
+        self.elements.push(Element { kind, law, active: false, field: None, line: None, added: true, ..owner });
         self.bonds.push(bond);
         self.like(BondId(neighbour as u32));
     }

@@ -202,7 +202,7 @@ impl Point {
         // What arrives by a delay is an input of the rates.
         for d in &model.delays {
             self.at.insert(d.symbol, states(&d.name).unwrap_or(d.start));
-            if d.periods != Some(0) {
+            if !d.is_state() {
                 self.inputs.push((d.name.clone(), d.symbol));
             }
         }

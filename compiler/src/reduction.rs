@@ -33,7 +33,7 @@ pub fn parts(model: &Model) -> Vec<Part> {
     let power = |id: ElementId| bonds[id.at()].iter().all(|b| !model.pseudo[b.at()]);
     let mut list = Vec::new();
     for (id, e) in model.ids() {
-        if e.added {
+        if e.added || e.line.is_some() {
             continue;
         }
         let (name, kind, members) = match (e.field, e.kind) {
@@ -261,6 +261,11 @@ impl Removed {
             f.members = f.members.iter().filter_map(|m| element(*m)).collect();
             !f.members.is_empty()
         });
+        let gone: Vec<bool> = model.lines.iter().map(|l| l.ends.iter().any(|e| self.elements[e.at()])).collect();
+        let lines = numbers(&gone);
+        retain(&mut model.lines, &gone);
+        model.lines.iter_mut().for_each(|l| l.ends = l.ends.map(|e| element(e).unwrap_or(e)));
+        model.elements.iter_mut().for_each(|e| e.line = e.line.and_then(|l| lines[l]).map(|l| l as usize));
         retain(&mut model.bonds, &self.bonds);
         for b in &mut model.bonds {
             b.tail = element(b.tail).unwrap_or(b.tail);

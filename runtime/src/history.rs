@@ -26,6 +26,30 @@ pub const NODES: [f64; 13] = [
 /// the instant at which it begins.
 pub const SLOTS: usize = NODES.len() + 2;
 
+/// Places and weights of Gauss' quadrature from 0 to 1: exact for the squares of these polynomials.
+const GAUSS: [(f64, f64); NODES.len()] = [
+    (0.007908472640705932, 0.020242002382657907),
+    (0.04120080038851098, 0.04606074991886419),
+    (0.09921095463334506, 0.0694367551098936),
+    (0.17882533027982989, 0.08907299038097284),
+    (0.2757536244817766, 0.10390802376844425),
+    (0.3847708420224326, 0.11314159013144857),
+    (0.5, 0.11627577661543695),
+    (0.6152291579775674, 0.11314159013144857),
+    (0.7242463755182234, 0.10390802376844425),
+    (0.8211746697201701, 0.08907299038097284),
+    (0.9007890453666549, 0.0694367551098936),
+    (0.9587991996114891, 0.04606074991886419),
+    (0.9920915273592941, 0.020242002382657907),
+];
+
+/// The mean square of a polynomial.
+pub(crate) fn mean_square(a: &[f64]) -> f64 {
+    let mut coefficients = [0.0; NODES.len()];
+    coefficients.iter_mut().zip(a).for_each(|(to, from)| *to = *from);
+    GAUSS.iter().map(|(s, weight)| weight * value(&coefficients, *s).powi(2)).sum()
+}
+
 /// Coefficients of a polynomial, in the order of [`NODES`]; those that it does not have are 0.
 pub(crate) type Coefficients = [f64; NODES.len()];
 
@@ -37,6 +61,15 @@ pub(crate) fn interpolate(values: &mut [f64]) {
             values[i] = (values[i] - values[i - 1]) / (NODES[i] - NODES[i - k]);
         }
     }
+}
+
+/// The value at the end, the second node, that goes on from those at the others.
+pub(crate) fn extend(values: &mut [f64]) {
+    let others = || (0..values.len()).filter(|k| *k != 1);
+    let weight = |j: usize| -> f64 {
+        others().filter(|m| *m != j).map(|m| (NODES[1] - NODES[m]) / (NODES[j] - NODES[m])).product()
+    };
+    values[1] = others().map(|j| weight(j) * values[j]).sum();
 }
 
 /// The value at a place.
@@ -245,6 +278,26 @@ mod tests {
             assert!((value(&a, s) - law(s)).abs() < 1e-14, "{s}");
             assert!((slope(&a, s) - rate(s)).abs() < 1e-12, "{s}");
         }
+    }
+
+    /// The end of what jumps there is had without it.
+    #[test]
+    fn an_end_goes_on_from_the_rest() {
+        let law = |s: f64| 1.0 + (s - 0.3).powi(4) - 2.0 * s.powi(3);
+        let mut values = NODES.map(law);
+        values[1] = 1e6;
+        super::extend(&mut values[..6]);
+        assert!((values[1] - law(1.0)).abs() < 1e-13);
+    }
+
+    #[test]
+    fn squares_are_integrated() {
+        let mut a = NODES.map(|s| s.powi(12));
+        interpolate(&mut a);
+        assert!((super::mean_square(&a) * 25.0 - 1.0).abs() < 1e-13);
+        let mut a = NODES.map(|s| 2.0 * s - 1.0);
+        interpolate(&mut a);
+        assert!((super::mean_square(&a) * 3.0 - 1.0).abs() < 1e-14);
     }
 
     /// What the last coefficients tell is about what an interpolation by fewer nodes misses.

@@ -40,6 +40,8 @@ pub struct Scene {
     pub excluded: Vec<Excluded>,
     /// Where `expect passive at` looks.
     pub watched: Vec<Watched>,
+    /// Lossless lines.
+    pub lines: Vec<TransmissionLine>,
     /// What of the model is not in it, since no probe, open port or expectation depends on it.
     pub left_out: LeftOut,
     /// What its programs were made for.
@@ -308,6 +310,20 @@ impl Entries {
     }
 }
 
+/// A lossless line: what is on its way in it is what its ends took in.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TransmissionLine {
+    /// Its name.
+    pub name: String,
+    /// Its ends: the cluster that books what crosses there, which of its entries, and which of `supplied` there.
+    pub ends: [(usize, usize, usize); 2],
+    /// One over its impedance, SI.
+    pub admittance: f64,
+    /// Of a line in continuous time, whose ends are of one cluster: the first input slots there of what comes out at
+    /// each end.
+    pub out: Option<[usize; 2]>,
+}
+
 /// Where the parts of a region's ledger are among the outputs of a step.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Entries {
@@ -414,6 +430,13 @@ pub enum Carried {
         /// By how many periods, at least 1.
         periods: u32,
     },
+    /// Of a sampled one, what a step reports, by so many periods after its end. It has one input slot.
+    Wave {
+        /// Which output of [`Cluster::step`].
+        output: usize,
+        /// By how many periods, from 0 on.
+        periods: u32,
+    },
     /// Of a continuous one, a signal. It has [`SLOTS`] input slots: a polynomial over the step.
     Signal {
         /// Which output of [`Cluster::instant`].
@@ -427,7 +450,7 @@ impl Carried {
     /// How many input slots there are for what arrives.
     pub fn slots(&self) -> usize {
         match self {
-            Carried::State { .. } => 1,
+            Carried::State { .. } | Carried::Wave { .. } => 1,
             Carried::Signal { .. } => SLOTS,
         }
     }

@@ -58,7 +58,8 @@ fn as_good_as_the_method() {
         let compiled = with(fitted(1e-13).method("collocation12"), model);
         ["y", "p"].map(|name| end(&compiled, Steps::tolerance(1e-13), 2.3, name))
     };
-    for (method, order) in [("gonzalez", 2), ("collocation4", 4), ("collocation6", 6), ("rk4", 4), ("collocation8", 8)] {
+    for (method, order) in [("gonzalez", 2), ("collocation4", 4), ("collocation6", 6), ("rk4", 4), ("collocation8", 8)]
+    {
         let compiled = with(Options::new().method(method), model);
         let error = |h: f64| {
             let found = ["y", "p"].map(|name| end(&compiled, Steps::fixed(h), 2.3, name));
@@ -189,7 +190,9 @@ fn looking_and_saving_change_nothing() {
 fn long_delays_cost_no_more() {
     let model = |periods: u32| {
         let time = f64::from(periods) * 1e-3;
-        format!("model M {{ sampled every 1 ms {{ state n = 0 {{ next = n + 1 }} let d = delay(n, {time} s) }} probe x = d }}")
+        format!(
+            "model M {{ sampled every 1 ms {{ state n = 0 {{ next = n + 1 }} let d = delay(n, {time} s) }} probe x = d }}"
+        )
     };
     let seconds = |periods: u32| {
         let compiled = text(&model(periods));

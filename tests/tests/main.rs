@@ -32,6 +32,7 @@ mod layers;
 mod ledger;
 mod library;
 mod linearize;
+mod lines;
 mod mechanisms;
 mod multiports;
 mod mutations;

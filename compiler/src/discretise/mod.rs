@@ -15,7 +15,7 @@ pub use steppers::Method;
 
 use crate::Options;
 use crate::expression::Symbol;
-use crate::model::{Model, Variable};
+use crate::model::{ElementId, Law, Model, Signal, TransmissionLine, Variable};
 use crate::structure::{ColumnId, Form, Role};
 use crate::units::Dimension;
 use analysis::sizes::sizes;
@@ -24,9 +24,22 @@ use assembly::{build, probes, watched};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_runtime::scene::{self, Excluded, Made, Scene, Steering};
 use cluster::partition;
-use equations::accounts;
+use equations::accounts::{self, Accounts};
 use rustc_hash::FxHashMap;
 use steppers::{ASKED, NAMED};
+
+/// One over the impedance of a line, and what comes out at its ends.
+fn characteristic(model: &mut Model, line: &TransmissionLine) -> Option<(f64, [Symbol; 2])> {
+    let mut of = |end: ElementId| {
+        let Law::Resistor(law) = &model.element(end).law else { return None };
+        let (output, argument) = (law.output, law.argument);
+        let slope = model.pool.derivative(output, argument);
+        let is_delay = |s: &Symbol| matches!(model.signals.get(s), Some(Signal::Delay(_)));
+        Some((model.pool.constant(slope)?, model.pool.symbols(output).into_iter().find(is_delay)?))
+    };
+    let ((admittance, a), (_, b)) = (of(line.ends[0])?, of(line.ends[1])?);
+    Some((admittance, [a, b]))
+}
 
 /// The method that the user or the model names.
 ///
@@ -118,6 +131,28 @@ pub fn discretise(
         clusters.iter().enumerate().flat_map(|(i, c)| c.ports.iter().enumerate().map(move |(p, id)| (*id, (i, p))));
     let ports: FxHashMap<ColumnId, (usize, usize)> = ports.collect();
     let port_of = |column: ColumnId| ports.get(&column).copied();
+    for l in &model.lines.clone() {
+        let end = |id: ElementId| {
+            let column = form.column_of_element[id.at()]?;
+            let home = home[form.column(column).region.at()];
+            let all = clusters[home].accounts(model, form);
+            let place = |(k, a): (usize, &Accounts)| Some((k, a.supplied.iter().position(|c| *c == column)?));
+            all.iter().enumerate().find_map(place).map(|(k, at)| (home, k, at))
+        };
+        let (Some(a), Some(b)) = (end(l.ends[0]), end(l.ends[1])) else { continue };
+        let Some((admittance, arrives)) = characteristic(model, l) else { continue };
+        let c = &scene.clusters[a.0];
+        let slot = |symbol: Symbol| {
+            let at = clusters[a.0].lines.iter().position(|line| line.symbol == symbol)?;
+            let before: usize = c.lines.iter().take(at).map(|line| line.carried.slots()).sum();
+            Some(c.lines_at() + before)
+        };
+        let out = match arrives.map(slot) {
+            [Some(a), Some(b)] if c.period.is_none() => Some([a, b]),
+            _ => None,
+        };
+        scene.lines.push(scene::TransmissionLine { name: l.name.clone(), ends: [a, b], admittance, out });
+    }
     for bar in &form.bars {
         let (Some(holder), Some(other)) = (port_of(bar.holder), port_of(bar.held)) else { continue };
         let answer = form.column(bar.holder).gives;

@@ -1,7 +1,7 @@
 //! `delay(signal, time, start)`: what a signal was some time ago.
 
 use super::{Elaborator, Mode, ScopeId, Typed, Unit, told};
-use crate::expression::Expr;
+use crate::expression::{Expr, Symbol};
 use crate::model::{Delay, Memory, Signal};
 use crate::units::Dimension;
 use bond_grammar::ast;
@@ -23,6 +23,8 @@ pub(super) struct Delayed {
     /// Of one in a sampled block: the block, by how many periods the signal is delayed, and the number among the signal
     /// states of that which keeps the signal for the first of them.
     sampled: Option<(usize, u32, usize)>,
+    /// A wave on a line: in a sampled block what it was over an interval, and no signal state.
+    wave: bool,
     span: Span,
 }
 
@@ -84,7 +86,10 @@ impl<'a> Elaborator<'a> {
             Some(block) => Some((block, self.whole_periods(block, time, time_ast.span)?)),
         };
         let like = |d: &Delayed| {
-            d.signal == signal.expr && (d.time, d.start) == (time, start) && d.sampled.map(|s| (s.0, s.1)) == periods
+            !d.wave
+                && d.signal == signal.expr
+                && (d.time, d.start) == (time, start)
+                && d.sampled.map(|s| (s.0, s.1)) == periods
         };
         let known = self.delays.iter().position(like);
         let i = known.unwrap_or_else(|| {
@@ -93,7 +98,8 @@ impl<'a> Elaborator<'a> {
                 let name = if n > 1 { format!("{own}.last") } else { own };
                 (block, n, self.remember(name, Some(block)))
             });
-            self.delays.push(Delayed { signal: signal.expr, unit: unit.clone(), time, start, sampled, span });
+            let unit = unit.clone();
+            self.delays.push(Delayed { signal: signal.expr, unit, time, start, sampled, wave: false, span });
             self.delays.len() - 1
         });
         let symbol = match self.delays[i].sampled {
@@ -101,6 +107,19 @@ impl<'a> Elaborator<'a> {
             Some(_) | None => self.signal(Signal::Delay(i)),
         };
         Some(Typed { expr: self.pool.var(symbol), unit })
+    }
+
+    /// What a wave was some time ago that goes into a line: the symbol of what comes out of it.
+    pub(crate) fn wave(&mut self, wave: Expr, unit: Unit, time: f64, span: Span) -> Option<Symbol> {
+        if let Some(i) = self.delays.iter().position(|d| d.wave && d.signal == wave) {
+            return Some(self.signal(Signal::Delay(i)));
+        }
+        let sampled = match self.sampling {
+            None => None,
+            Some(block) => Some((block, self.whole_periods(block, time, span)?, usize::MAX)),
+        };
+        self.delays.push(Delayed { signal: wave, unit, time, start: 0.0, sampled, wave: true, span });
+        Some(self.signal(Signal::Delay(self.delays.len() - 1)))
     }
 
     /// By how many periods of a sampled block a signal is delayed; says so where these are not whole.
@@ -142,7 +161,8 @@ impl<'a> Elaborator<'a> {
             let Delayed { time, start, span, .. } = d;
             let (name, symbol) = (d.name(i), self.signal(Signal::Delay(i)));
             let mut signal = d.signal;
-            if let Some((block, _, state)) = d.sampled {
+            let of_state = d.sampled.filter(|_| !d.wave);
+            if let Some((block, _, state)) = of_state {
                 let name = self.numbers.memory(state).to_string();
                 let symbol = self.signal(Signal::Memory(state));
                 let sampling = Some(block);
@@ -150,7 +170,7 @@ impl<'a> Elaborator<'a> {
                 signal = self.pool.var(symbol);
             }
             let periods = d.sampled.map(|s| s.1 - 1);
-            delays.push(Delay { name, symbol, signal, start, time, periods, span });
+            delays.push(Delay { name, symbol, signal, start, time, periods, wave: d.wave, span });
         }
         (delays, states)
     }

@@ -487,7 +487,7 @@ impl<'a> Elaborator<'a> {
             return;
         };
         let name = self.full_name(instance, &key);
-        if !e.ports.is_empty() || matches!(e.kind.text.as_str(), "RS" | "IC") {
+        if !e.ports.is_empty() || matches!(e.kind.text.as_str(), "RS" | "IC" | "TL") {
             self.field(e, key, name, scope, sampling);
             return;
         }
@@ -534,6 +534,9 @@ impl<'a> Elaborator<'a> {
             "I" => ("`I(a, b):coils { H = ... }`", e.ports.iter().map(|_| Some(Kind::I)).collect()),
             "R" => ("`R(a, b):pair { a.e = ...; b.e = ... }`", e.ports.iter().map(|_| Some(Kind::R)).collect()),
             "RS" => ("`RS(r, th):heater = 10 Ohm`", e.ports.iter().map(|_| Some(Kind::R)).collect()),
+            "TL" => {
+                ("`TL(a, b):line { impedance = ...; delay = ... }`", e.ports.iter().map(|_| Some(Kind::R)).collect())
+            }
             "IC" => {
                 let of = |n: &Name| match n.text.as_str() {
                     "I" => Some(Kind::I),
@@ -542,7 +545,7 @@ impl<'a> Elaborator<'a> {
                 };
                 ("`IC(I p, C q):arm { H = ... }`", e.ports.iter().map(|p| p.kind.as_ref().and_then(of)).collect())
             }
-            _ => ("C, I, IC, R and RS", vec![]),
+            _ => ("C, I, IC, R, RS and TL", vec![]),
         };
         if kinds.is_empty() && !e.ports.is_empty() {
             wrong(
@@ -551,8 +554,12 @@ impl<'a> Elaborator<'a> {
                 &format!("the fields are {example}"),
             );
             sound = false;
-        } else if e.ports.is_empty() || (kind == "RS" && e.ports.len() != 2) {
-            let what = if kind == "RS" { "two ports, the resistor's and the thermal one" } else { "its ports named" };
+        } else if e.ports.is_empty() || (matches!(kind, "RS" | "TL") && e.ports.len() != 2) {
+            let what = match kind {
+                "RS" => "two ports, the resistor's and the thermal one",
+                "TL" => "two ports",
+                _ => "its ports named",
+            };
             wrong(e.kind.span, format!("`{name}` (a `{kind}`) needs {what}"), &format!("write {example}"));
             sound = false;
         }

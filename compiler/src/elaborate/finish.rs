@@ -7,6 +7,7 @@ use crate::Options;
 use crate::expression::Expr;
 use crate::model::{
     BondId, Element, ElementId, Field, Input, Kind, Law, Memory, Model, OnePort, Parameter, Probe, Signal,
+    TransmissionLine,
 };
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
@@ -71,7 +72,15 @@ impl<'a> Elaborator<'a> {
         let memories = memories.into_iter().map(|(m, unit)| Memory { unit: known(&unit), ..m }).collect();
         let bond_units = self.domain_of.iter().map(|&d| (known(&Unit::effort(d)), known(&Unit::flow(d)))).collect();
         let pseudo = self.domain_of.iter().map(|&d| units.pseudo[d]).collect();
+        let is_line = |f: &&super::FieldDecl<'_>| f.ast.kind.text == "TL";
+        let lines = self.fields.iter().filter(is_line).filter_map(|f| match f.members[..] {
+            [a, b] => Some(TransmissionLine { name: f.name.clone(), ends: [a, b] }),
+            _ => None,
+        });
+        let lines = lines.collect();
+        self.fields.retain(|f| f.ast.kind.text != "TL");
         let model = Model {
+            lines,
             name: decl.name.text.clone(),
             docs: decl.docs.clone(),
             span: decl.span,
@@ -255,7 +264,11 @@ impl<'a> Elaborator<'a> {
         let decl = &self.elements[id.at()];
         let active = ast.is_some_and(|a| a.active);
         let (name, sampling) = (decl.name.clone(), decl.sampling);
-        Some(Element { name, kind, law, sampling, active, added: false, span: self.place(scope, span), field })
+        let is_line = |f: usize| self.fields[f].ast.kind.text == "TL";
+        let before = |f: usize, lines: bool| (0..f).filter(|f| is_line(*f) == lines).count();
+        let line = field.filter(|f| is_line(f.0)).map(|f| before(f.0, true));
+        let field = field.filter(|f| !is_line(f.0)).map(|f| (before(f.0, false), f.1));
+        Some(Element { name, kind, law, sampling, active, added: false, span: self.place(scope, span), field, line })
     }
 
     fn no_value(&mut self, ast: &ast::Element, what: &str) {

@@ -26,6 +26,7 @@ impl<'a> Elaborator<'a> {
         let owner = self.owner.take();
         let law = match ast.kind.text.as_str() {
             "R" => self.resistor_field(ast, scope, field, &bonds).map(|mut l| Law::Resistor(l.swap_remove(place))),
+            "TL" => self.line_laws(ast, scope, field, &bonds).map(|mut l| Law::Resistor(l.swap_remove(place))),
             "RS" => self.entropy_source(ast, scope, field, &bonds).map(|mut l| Law::Resistor(l.swap_remove(place))),
             _ => self.storage_field(ast, scope, field, &bonds).map(|mut l| Law::Storage(l.swap_remove(place))),
         };

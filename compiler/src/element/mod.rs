@@ -3,6 +3,7 @@
 mod field;
 mod fields;
 mod integral;
+mod line;
 mod resistor;
 mod source;
 mod steep;
@@ -33,5 +34,5 @@ pub const ALL: [(&str, Kind); 16] = [
 
 /// Whether a word before a colon means an element: one of [`ALL`], or a field that has ports of several kinds.
 pub(crate) fn is_kind(word: &str) -> bool {
-    matches!(word, "RS" | "IC") || ALL.iter().any(|(kind, _)| *kind == word)
+    matches!(word, "RS" | "IC" | "TL") || ALL.iter().any(|(kind, _)| *kind == word)
 }

@@ -217,6 +217,9 @@ fn resistor_lines(model: &Model, form: &Form, region: &Region) -> Vec<String> {
     for (c, _) in &region.resistors {
         let e = model.element(form.column(*c).element);
         let Law::Resistor(r) = &e.law else { continue };
+        if e.line.is_some() {
+            continue;
+        }
         match (e.active, r.dissipative) {
             (false, Some(true)) => &mut proved,
             (false, None) => &mut open,

@@ -84,9 +84,12 @@ fn resistive(model: &mut Model, form: &Form, r: &Region) -> Vec<Value> {
         let e = model.element(id);
         let Law::Resistor(law) = &e.law else { continue };
         let text = format!("{left} = {}", name::expressions(&model.pool, &right));
-        list.push(json!(
-            object! { "name": e.name, "law": text, "linear": law.linear.is_some() || law.row.is_some(), "proved": law.dissipative }
-        ));
+        let linear = law.linear.is_some() || law.row.is_some();
+        let mut one = object! { "name": e.name, "law": text, "linear": linear, "proved": law.dissipative };
+        if let Some(line) = e.line.and_then(|l| model.lines.get(l)) {
+            one.insert("line".into(), json!(line.name));
+        }
+        list.push(json!(one));
     }
     list
 }

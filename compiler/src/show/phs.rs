@@ -121,6 +121,7 @@ fn laws(model: &mut Model, form: &Form, r: &Region, names: &[String], text: &mut
         let Some((left, right)) = name::resistor(model, id) else { continue };
         let Law::Resistor(law) = &model.element(id).law else { continue };
         let mut notes = vec![match law.dissipative {
+            _ if model.element(id).line.is_some() => "an end of a lossless line",
             Some(true) => "proved to take power",
             Some(false) => "gives power",
             None => "not proved to take power",

@@ -53,7 +53,7 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
         text.push_str("\nsignal states\n");
         text.push_str(&table::lines(2, &rows));
     }
-    let delays = model.delays.iter().zip(&form.delays).filter(|(d, _)| d.periods != Some(0));
+    let delays = model.delays.iter().zip(&form.delays).filter(|(d, _)| !d.is_state());
     let rows: Vec<Vec<String>> = delays
         .map(|(d, signal)| {
             let signal = name::expression(&model.pool, *signal);
@@ -112,7 +112,7 @@ pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
             .collect();
         fields.insert("signal_states".into(), json!(list));
     }
-    let delays = model.delays.iter().zip(&form.delays).filter(|(d, _)| d.periods != Some(0));
+    let delays = model.delays.iter().zip(&form.delays).filter(|(d, _)| !d.is_state());
     let list: Vec<Value> = delays
         .map(|(d, signal)| {
             let signal = name::expression(&model.pool, *signal);

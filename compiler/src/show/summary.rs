@@ -26,7 +26,8 @@ pub(super) fn text(shown: &mut Shown<'_>) -> String {
     let count = |wanted: fn(Kind) -> bool| model.elements.iter().filter(|e| wanted(e.kind)).count();
     let parts = [
         (count(Kind::is_storage), "storage"),
-        (count(|kind| kind == Kind::R), "resistor"),
+        (count(|kind| kind == Kind::R) - 2 * model.lines.len(), "resistor"),
+        (model.lines.len(), "line"),
         (count(Kind::is_source), "source"),
         (count(Kind::is_junction), "junction"),
         (count(|kind| matches!(kind, Kind::TwoPort(_))), "two-port"),

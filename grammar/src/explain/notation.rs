@@ -340,7 +340,7 @@ impl Wreck<'_> {
 
 /// The kinds of elements.
 const KINDS: &[&str] =
-    &["Se", "Sf", "C", "I", "R", "TF", "GY", "De", "Df", "RS", "IC", "MSe", "MSf", "MTF", "MGY", "MR", "0", "1"];
+    &["Se", "Sf", "C", "I", "R", "TF", "GY", "De", "Df", "RS", "IC", "TL", "MSe", "MSf", "MTF", "MGY", "MR", "0", "1"];
 
 /// The signs between two ends of bonds, and at the end of a chain.
 fn is_between(word: &str) -> bool {

@@ -1,7 +1,9 @@
 //! Whether a scene that was read means something: whatever it refers to is there, so that running it cannot fail on
 //! that.
 
-use super::{Branch, Carried, Cluster, Entries, ExpectationKind, GIVEN, Guards, Scene, Stepper, Watched};
+use super::{
+    Branch, Carried, Cluster, Entries, ExpectationKind, GIVEN, Guards, Scene, Stepper, TransmissionLine, Watched,
+};
 use crate::exponential::{Layout, Linear};
 use crate::history::SLOTS;
 use crate::ir::{Array, Inst, Invalid, Program};
@@ -71,6 +73,25 @@ impl Scene {
             |(c, out): &(usize, usize)| self.clusters.get(*c).is_some_and(|c| *out < c.instant.size(Array::Output));
         if !p.gather.iter().all(shown) {
             return wrong("a signal that they read is not there");
+        }
+        let is_end = |&(cluster, entry, at): &(usize, usize, usize)| {
+            let entries = self.clusters.get(cluster).and_then(|c| c.entries.get(entry));
+            entries.is_some_and(|e| at < e.supplied.len())
+        };
+        let comes_out = |line: &TransmissionLine| {
+            let cluster = self.clusters.get(line.ends[0].0).filter(|_| line.ends[0].0 == line.ends[1].0);
+            let room = |c: &Cluster| c.traces_at().checked_sub(SLOTS);
+            let fits = |slots: &[usize; 2]| {
+                let last = cluster.and_then(room);
+                last.is_some_and(|last| slots.iter().all(|slot| *slot <= last))
+            };
+            line.admittance.is_finite() && line.out.as_ref().is_none_or(fits)
+        };
+        if !self.lines.iter().all(comes_out) {
+            return Err(Unsound::Reference(self.name.clone(), "what comes out of a line is not there"));
+        }
+        if !self.lines.iter().flat_map(|line| &line.ends).all(is_end) {
+            return Err(Unsound::Reference(self.name.clone(), "an end of a line is not booked"));
         }
         if p.inputs.iter().any(|i| *i >= self.inputs.len()) {
             return wrong("an input that they read is not there");
@@ -205,6 +226,11 @@ impl Check<'_> {
             match line.carried {
                 Carried::State { state, periods } => {
                     self.that(c.period.is_some() && state < c.states && periods > 0, "a delay has no state")?;
+                    kept = kept.saturating_add(periods as usize);
+                }
+                Carried::Wave { output, periods } => {
+                    let is_there = output < c.step.program.size(Array::Output);
+                    self.that(c.period.is_some() && is_there, "a wave is not reported")?;
                     kept = kept.saturating_add(periods as usize);
                 }
                 Carried::Signal { output, time } => {

@@ -139,7 +139,7 @@ impl Fitted<'_> {
         let mut failed = None;
         if !run.signals.lines.pasts.is_empty() {
             run.by_spare = fit.control.stiff;
-            run.signals.aim(&mut run.input, end, plan.end);
+            run.aim(end, plan.end);
         }
         let at = c.states..c.states + c.integrals;
         for part in parts {
@@ -147,7 +147,7 @@ impl Fitted<'_> {
                 failed = Some((what, end + part.h, part.next.clone()));
                 break;
             }
-            run.take_down_to(c, end, part.h, &part.next)?;
+            run.take_down_to(c, (end, part.h), &part.next, switched)?;
             end += part.h;
             run.watch(end);
             advance_ports(c, &part.output, part.h, moved);
@@ -211,7 +211,7 @@ impl Fitted<'_> {
         let far = t + 2.0 * control.ahead.min(longest);
         let horizon = end.map_or(far, |e| e.min(far));
         let cut = self.run.signals.cut(t, horizon);
-        self.run.signals.aim(&mut self.run.input, t, cut.unwrap_or(horizon));
+        self.run.aim(t, cut.unwrap_or(horizon));
         let end = cut.or(end);
         self.guards_before(t, control.ahead.min(longest));
         if control.faint.is_some_and(|guard| !self.is_low(guard)) {

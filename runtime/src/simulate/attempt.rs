@@ -72,7 +72,7 @@ impl Fitted<'_> {
 
     fn tried(&mut self, t: f64, h: f64, aim: f64) -> Result<Attempt, Failure> {
         // What arrives by delays is a polynomial over just this step.
-        let coarse = self.run.signals.aim_lines(&mut self.run.input, t, t + h);
+        let coarse = self.run.aim_lines(t, t + h);
         self.stride(t, h, Part::Whole)?;
         let event = self.event(t, h, aim)?;
         let (h, is_event) = (event.map_or(h, |e| e.0), event.is_some());

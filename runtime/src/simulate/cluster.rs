@@ -5,6 +5,7 @@ use super::input_signal::{ClusterInputs, InputSignal};
 use super::program::{Look, Ready};
 use super::record::Record;
 use super::watched::Drawn;
+use super::wave::Waves;
 use super::{Error, Options};
 use crate::energy::{AccountPlaces, Booking, Layout, Ledger, account};
 use crate::interpreter::Interpret;
@@ -66,6 +67,8 @@ pub(super) struct Run {
     aside: Vec<f64>,
     /// Room for what is taken down of signals that are delayed.
     pub(super) record: Record,
+    /// Lines whose ends are here.
+    pub(super) waves: Vec<Waves>,
 }
 
 impl Run {
@@ -111,6 +114,7 @@ impl Run {
             traced: c.is_traced(),
             glanced: state.clone(),
             aside: state.clone(),
+            waves: Waves::of(scene, index, &layout),
             record: Record::new(c, options.tolerance, c.step.program.size(Array::Output)),
             state,
             input,
@@ -196,7 +200,7 @@ impl Run {
             if cut.is_some() || at > t {
                 rest = self.step.length(piece - at, at);
             }
-            self.signals.aim(&mut self.input, at, piece);
+            self.aim(at, piece);
             while let Some(part) = self.switch(c, at, rest) {
                 self.split(c, at, part, moved, 0)?;
                 at += part;
@@ -297,7 +301,7 @@ impl Run {
         self.take_down(c, t, h)?;
         // The workspace's numbers mean nothing to the next step.
         std::mem::swap(&mut self.state, &mut self.step.work.next);
-        self.signals.lines.turn(&self.state, &mut self.input);
+        self.signals.lines.turn((&self.state, &self.step.work.output), &mut self.input);
         self.steps += 1;
         self.watch(t + h);
         advance_ports(c, &self.step.work.output, h, moved);
@@ -355,7 +359,7 @@ impl Run {
             if cut.is_some() || at > now {
                 rest = piece - at;
             }
-            self.signals.aim(&mut self.input, at, piece);
+            self.aim(at, piece);
             while let Some(part) = self.switch(c, at, rest) {
                 self.glance(c, at, part, 0)?;
                 at += part;

@@ -8,11 +8,12 @@ use serde::{Deserialize, Serialize};
 /// How many more numbers a ring has than it delays by: so far it can be turned back.
 const SPARE: usize = 4;
 
-/// A signal state, so many periods ago.
+/// A signal state, or what a step reported, so many periods ago.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Ring {
-    /// Which state, and the input slot of what it was.
-    state: usize,
+    /// Whether it is of what a step reports; which state or output, and the input slot of what it was.
+    is_wave: bool,
+    from: usize,
     slot: usize,
     periods: usize,
     /// Where the next number goes.
@@ -24,8 +25,8 @@ impl Ring {
     /// Takes a number in, and gives the one that was so many periods ago.
     fn turn(&mut self, x: f64) -> f64 {
         let n = self.values.len();
-        let old = (self.next + n - self.periods) % n;
         self.values[self.next] = x;
+        let old = (self.next + n - self.periods) % n;
         self.next = (self.next + 1) % n;
         self.values[old]
     }
@@ -53,11 +54,17 @@ impl DelayLines {
     pub(super) fn new(c: &Cluster) -> Self {
         let mut lines = Self::default();
         let mut slot = c.lines_at();
+        let ring = |is_wave: bool, from: usize, periods: u32, (slot, start): (usize, f64)| {
+            let periods = periods as usize;
+            Ring { is_wave, from, slot, periods, next: 0, values: vec![start; periods + SPARE] }
+        };
         for line in &c.lines {
             match line.carried {
                 Carried::State { state, periods } => {
-                    let values = vec![line.start; periods as usize + SPARE];
-                    lines.rings.push(Ring { state, slot, periods: periods as usize, next: 0, values });
+                    lines.rings.push(ring(false, state, periods, (slot, line.start)));
+                }
+                Carried::Wave { output, periods } => {
+                    lines.rings.push(ring(true, output, periods, (slot, line.start)));
                 }
                 Carried::Signal { output, time } => {
                     lines.pasts.push(Past { output, slot, history: History::new(time, line.start) });
@@ -74,7 +81,7 @@ impl DelayLines {
 
     /// Whether they may stand for others.
     pub(super) fn alike(&self, other: &Self) -> bool {
-        let place = |r: &Ring| (r.state, r.slot, r.periods, r.values.len());
+        let place = |r: &Ring| (r.is_wave, r.from, r.slot, r.periods, r.values.len());
         let rings = self.rings.iter().zip(&other.rings).all(|(a, b)| place(a) == place(b) && a.next < a.values.len());
         let pasts = self.pasts.iter().zip(&other.pasts);
         (self.rings.len(), self.pasts.len()) == (other.rings.len(), other.pasts.len())
@@ -90,9 +97,10 @@ impl DelayLines {
     }
 
     /// A step of a sampled cluster is over.
-    pub(super) fn turn(&mut self, state: &[f64], input: &mut [f64]) {
+    pub(super) fn turn(&mut self, (state, output): (&[f64], &[f64]), input: &mut [f64]) {
         for ring in &mut self.rings {
-            input[ring.slot] = ring.turn(state[ring.state]);
+            let x = if ring.is_wave { output[ring.from] } else { state[ring.from] };
+            input[ring.slot] = ring.turn(x);
         }
     }
 
@@ -142,7 +150,7 @@ mod tests {
 
     #[test]
     fn a_ring_gives_what_was() {
-        for periods in [1, 2, 7] {
+        for periods in [0, 1, 2, 7] {
             let mut ring = Ring { periods, values: vec![0.0; periods + SPARE], ..Ring::default() };
             for k in 1..40 {
                 let back = ring.next;

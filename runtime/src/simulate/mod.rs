@@ -32,13 +32,16 @@ mod summary;
 mod tangent;
 mod trial;
 mod watched;
+mod wave;
 
 pub use block_routine::{BlockMaker, BlockRoutine, ClusterPlaces, MakeBlock, Places};
 pub use hold::Report;
 pub use input_signal::{InputSignal, Unfit};
 pub use rate_transition::{paced, uneven};
 pub use save::{Refused, made};
-pub use summary::{BarSummary, ElementEnergy, ElementEntropy, KEPT, Modified, RegionSummary, SteeredSource, Summary};
+pub use summary::{
+    BarSummary, ElementEnergy, ElementEntropy, KEPT, LineSummary, Modified, RegionSummary, SteeredSource, Summary,
+};
 pub use watched::PortPassivity;
 
 use crate::kernel::Failure;

@@ -3,7 +3,7 @@
 
 use super::Error;
 use super::cluster::Run;
-use crate::history::{NODES, interpolate, tail};
+use crate::history::{NODES, extend, interpolate, tail};
 use crate::scene::Cluster;
 
 /// How often a step is halved whose signals are too coarse.
@@ -51,30 +51,38 @@ impl Run {
         let output = std::mem::replace(&mut self.step.work.output, room);
         let room = std::mem::take(&mut self.record.next);
         let next = std::mem::replace(&mut self.step.work.next, room);
-        let done = self.take_down_to(c, t, h, &next);
+        let done = self.take_down_to(c, (t, h), &next, false);
         self.record.next = std::mem::replace(&mut self.step.work.next, next);
         self.record.output = std::mem::replace(&mut self.step.work.output, output);
         done
     }
 
-    /// Takes a step down that leads to a state.
-    pub(super) fn take_down_to(&mut self, c: &Cluster, t: f64, h: f64, end: &[f64]) -> Result<(), Error> {
+    /// Takes a step down that leads to a state. Where a law has `switched` at its end, that end is just past it, and what
+    /// is taken down goes on from what was before.
+    pub(super) fn take_down_to(
+        &mut self,
+        c: &Cluster,
+        (t, h): (f64, f64),
+        end: &[f64],
+        switched: bool,
+    ) -> Result<(), Error> {
         if self.signals.lines.pasts.is_empty() {
             return Ok(());
         }
         let slack = 1e-12 * (t.abs() + h);
         let arrives = self.signals.lines.arrives(t, slack);
-        self.part(c, (t, 0.0, h), (end, h), (arrives, 0))
+        self.part(c, (t, 0.0, h), (end, h, switched), (arrives, 0))
     }
 
     fn part(
         &mut self,
         c: &Cluster,
         (t, from, length): Part,
-        (end, h): (&[f64], f64),
+        (end, h, switched): (&[f64], f64, bool),
         (arrives, depth): (Option<u32>, u32),
     ) -> Result<(), Error> {
-        for k in 0..self.record.nodes {
+        let is_open = switched && from + length >= h;
+        for k in (0..self.record.nodes).filter(|k| !(is_open && *k == 1)) {
             let ahead = from + NODES[k] * length;
             if ahead >= h {
                 self.glanced.copy_from_slice(end);
@@ -92,6 +100,9 @@ impl Run {
             }
         }
         let n = self.record.nodes;
+        if is_open {
+            self.record.values.iter_mut().for_each(|values| extend(&mut values[..n]));
+        }
         let coarse = |(values, size): (&[f64; NODES.len()], f64)| {
             let mut a = *values;
             interpolate(&mut a[..n]);
@@ -101,8 +112,8 @@ impl Run {
         let sizes = self.signals.lines.pasts.iter().map(|p| p.history.size());
         if depth < HALVINGS && self.record.values.iter().zip(sizes).any(coarse) {
             let half = 0.5 * length;
-            self.part(c, (t, from, half), (end, h), (arrives, depth + 1))?;
-            return self.part(c, (t, from + half, half), (end, h), (None, depth + 1));
+            self.part(c, (t, from, half), (end, h, switched), (arrives, depth + 1))?;
+            return self.part(c, (t, from + half, half), (end, h, switched), (None, depth + 1));
         }
         let tolerance = self.record.tolerance.unwrap_or(USUAL);
         for (values, past) in self.record.values.iter().zip(&mut self.signals.lines.pasts) {

@@ -4,7 +4,7 @@ use super::cluster::Run;
 use super::schedule::Simulation;
 use super::watched::PortPassivity;
 use crate::energy::{Ledger, Place};
-use crate::scene::{Bar, Excluded, Produced, Steering, Watched};
+use crate::scene::{Bar, Excluded, Produced, Steering, TransmissionLine, Watched};
 use std::borrow::Cow;
 
 /// What the balance of a step is off by at most, relative, where it is said to be kept.
@@ -38,6 +38,17 @@ pub struct ElementEnergy {
     pub name: String,
     /// J
     pub energy: f64,
+}
+
+/// A lossless line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LineSummary {
+    /// Its name.
+    pub name: String,
+    /// What is on its way in it: what its ends took in less what they gave out, J.
+    pub energy: f64,
+    /// What rounding may have made of that, J.
+    pub rounding: f64,
 }
 
 /// A steered source's share: its value reads the scene's own signals.
@@ -197,6 +208,8 @@ pub struct Summary {
     pub regions: Vec<RegionSummary>,
     /// The double bars.
     pub bars: Vec<BarSummary>,
+    /// The lossless lines.
+    pub lines: Vec<LineSummary>,
     /// The places at which `expect passive at` looks, in the scene's order.
     pub watched: Vec<PortPassivity>,
 }
@@ -278,6 +291,10 @@ impl Simulation<'_> {
         };
         let mut reasons: Vec<String> = self.scene.excluded.iter().map(withdrawn).collect();
         found.iter().for_each(|(region, doubts)| region.judge(doubts, &mut reasons));
+        let lines: Vec<LineSummary> = self.scene.lines.iter().filter_map(|line| self.line(line, &ledgers)).collect();
+        for line in lines.iter().filter(|line| line.energy < -line.rounding) {
+            reasons.push(format!("the line `{}` gave {:.3e} J more than it was given", line.name, -line.energy));
+        }
         let regions: Vec<RegionSummary> = found.into_iter().map(|(region, _)| region).collect();
         let passive_ones = || regions.iter().filter(|r| r.passive_stepper);
         Summary {
@@ -287,9 +304,28 @@ impl Simulation<'_> {
             worst_step: passive_ones().map(|r| r.worst_step).fold(0.0, f64::max),
             total: passive_ones().map(|r| r.total).fold(0.0, f64::max),
             bars: self.bars(),
+            lines,
             watched: self.scene.watched.iter().filter_map(|w| self.passivity_at(w)).collect(),
             regions,
         }
+    }
+
+    /// What its ends have booked of a line.
+    fn line(&self, line: &TransmissionLine, ledgers: &[std::borrow::Cow<'_, Ledger>]) -> Option<LineSummary> {
+        let given = |&(cluster, entry, at): &(usize, usize, usize)| {
+            let d = self.runs[cluster].layout.accounts[entry].detail.as_ref()?;
+            Some(ledgers[cluster].sum(d.sources.plus(2 * at)))
+        };
+        let (a, b) = (given(&line.ends[0])?, given(&line.ends[1])?);
+        // As of a resistor's sum.
+        let rounding = |&(cluster, entry, _): &(usize, usize, usize)| {
+            let (run, ledger) = (&self.runs[cluster], &ledgers[cluster]);
+            let p = &run.layout.accounts[entry];
+            let still = STILL * self.scene.energy;
+            run.steps as f64 * (GAIN * ledger.get(p.turnover_max).max(still) + ROUNDING * ledger.largest(p))
+        };
+        let rounding = line.ends.iter().map(rounding).sum();
+        Some(LineSummary { name: line.name.clone(), energy: -(a + b), rounding })
     }
 
     /// What a region's cluster has booked of it, beside the scene's `largest` energy.

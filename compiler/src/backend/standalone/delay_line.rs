@@ -16,8 +16,9 @@ const ROW: usize = 64;
 /// Places of a delay.
 #[derive(Clone, Debug)]
 pub(super) struct DelayLine {
-    /// Which state is delayed, and which input gets what it was.
-    state: usize,
+    /// Whether what a step reports is delayed, or else a state; which one, and which input gets what it was.
+    is_wave: bool,
+    from: usize,
     input: usize,
     /// A row of numbers, to begin with.
     row: usize,
@@ -35,13 +36,19 @@ impl DelayLine {
         let mut input = c.lines_at();
         let mut list = Vec::new();
         for line in &c.lines {
-            if let Carried::State { state, periods } = line.carried {
+            let of = match line.carried {
+                Carried::State { state, periods } => Some((false, state, periods)),
+                Carried::Wave { output, periods } => Some((true, output, periods)),
+                Carried::Signal { .. } => None,
+            };
+            if let Some((is_wave, from, periods)) = of {
                 let n = periods as usize;
                 let columns = if n > ROW { n.isqrt() } else { 0 };
                 let rows = if columns > 0 { n / columns } else { 0 };
                 let length = n - columns * rows;
                 list.push(Self {
-                    state,
+                    is_wave,
+                    from,
                     input,
                     row: block.put(&vec![line.start; length]),
                     length,
@@ -58,7 +65,7 @@ impl DelayLine {
 
     /// Moves on by a period.
     pub(super) fn turn(&self, w: &mut Writer, place: &Cluster) {
-        let mut x = w.kept(place.state + self.state);
+        let mut x = w.kept(self.from + if self.is_wave { place.output } else { place.state });
         if self.length > 0 {
             let last = x;
             x = w.kept(self.row);

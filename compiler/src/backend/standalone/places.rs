@@ -1,9 +1,9 @@
 //! Where everything of a scene is in its block of numbers.
 
 use super::block::Block;
+use super::delay_line::DelayLine;
 use bond_runtime::energy::{Layout, Place};
 use bond_runtime::ir::Array;
-use super::delay_line::DelayLine;
 use bond_runtime::scene;
 use bond_runtime::simulate::StartCluster;
 

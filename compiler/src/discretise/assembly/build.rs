@@ -180,12 +180,13 @@ fn state(c: &Cluster, model: &mut Model, form: &Form) -> Result<(Vec<f64>, Vec<S
 
 /// Its delays; what is delayed in continuous time starts at an output of the observation.
 fn lines(c: &Cluster, first: usize) -> Vec<scene::Line> {
-    let mut outputs = first..;
+    let (mut outputs, mut waves) = (first.., c.ports.len()..);
     let line = |line: &Line| scene::Line {
         name: line.name.clone(),
         start: line.start,
         carried: match line.carries {
             Carries::State(state, periods) => scene::Carried::State { state, periods },
+            Carries::Wave(_, periods) => scene::Carried::Wave { output: waves.next().unwrap_or_default(), periods },
             Carries::Signal(_, time) => scene::Carried::Signal { output: outputs.next().unwrap_or(first), time },
         },
     };

@@ -158,13 +158,15 @@ pub(crate) enum Carries {
     State(usize, u32),
     /// A signal; so long, s.
     Signal(Expr, f64),
+    /// What something was over a step; so many periods more than one.
+    Wave(Expr, u32),
 }
 
 impl Line {
     /// The symbols of its input slots.
     pub(crate) fn slots(&self) -> Vec<Symbol> {
         match self.carries {
-            Carries::State(..) => vec![self.symbol],
+            Carries::State(..) | Carries::Wave(..) => vec![self.symbol],
             Carries::Signal(..) => self.coefficients.clone(),
         }
     }
@@ -300,7 +302,7 @@ impl Cluster {
             all.extend(n.how.expressions());
         }
         all.extend(self.integrals.iter().map(|i| i.rate));
-        all.extend(self.carried());
+        all.extend(self.carried().chain(self.waves()));
         all
     }
 
@@ -308,7 +310,15 @@ impl Cluster {
     pub(crate) fn carried(&self) -> impl Iterator<Item = Expr> {
         self.lines.iter().filter_map(|line| match line.carries {
             Carries::Signal(e, _) => Some(e),
-            Carries::State(..) => None,
+            Carries::State(..) | Carries::Wave(..) => None,
+        })
+    }
+
+    /// What is delayed as it was over a step. It is reported after the means at the ports.
+    pub(crate) fn waves(&self) -> impl Iterator<Item = Expr> {
+        self.lines.iter().filter_map(|line| match line.carries {
+            Carries::Wave(e, _) => Some(e),
+            Carries::Signal(..) | Carries::State(..) => None,
         })
     }
 

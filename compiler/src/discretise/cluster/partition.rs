@@ -179,8 +179,7 @@ fn place_delays(
     owner: &mut FxHashMap<Symbol, usize>,
 ) -> Vec<(usize, Vec<Symbol>)> {
     let mut list = Vec::new();
-    for (i, (d, signal)) in model.delays.iter().zip(&form.delays).enumerate().filter(|(_, (d, _))| d.periods != Some(0))
-    {
+    for (i, (d, signal)) in model.delays.iter().zip(&form.delays).enumerate().filter(|(_, (d, _))| !d.is_state()) {
         let read = pool.symbols(*signal);
         let fits = |b: &usize| d.periods.is_some() || blocks[*b].sampling.is_none();
         let home = read.iter().filter_map(|s| owner.get(s).copied()).find(fits);
@@ -284,6 +283,7 @@ pub(crate) fn partition(model: &mut Model, (form, spread): (&Form, &[Spread]), a
         for &k in &block.delays {
             let (d, signal) = (&model.delays[k], form.delays[k]);
             let carries = match d.periods {
+                Some(n) if d.wave => Carries::Wave(signal, n),
                 Some(n) => match c.states.iter().position(|s| pool.symbols(signal) == [s.symbol]) {
                     Some(state) => Carries::State(state, n),
                     None => continue,

@@ -12,7 +12,7 @@ use rustc_hash::FxHashMap;
 
 /// The columns of a region's entries in the ledger. A field is one entry, of all its ports.
 pub(crate) struct Accounts {
-    /// Sources and ports.
+    /// Sources, ports, and ends of lines.
     pub(crate) supplied: Vec<ColumnId>,
     /// Resistors.
     pub(crate) dissipated: Vec<Vec<ColumnId>>,
@@ -27,6 +27,9 @@ impl Cluster {
         use bond_runtime::ir::Array;
         for c in &self.ports {
             b.named(Array::Output, format!("mean({})", form.column(*c).name));
+        }
+        for i in 0..self.waves().count() {
+            b.named(Array::Output, format!("wave({})", i + 1));
         }
         let holds: Vec<ColumnId> = held_ports(self, form).into_iter().map(|p| self.ports[p]).collect();
         let mut list = Vec::new();
@@ -113,7 +116,10 @@ impl Cluster {
             of.entry(form.column(c).region.at()).or_default().0.push(c);
         }
         for c in self.nodes.iter().filter_map(Node::resistor) {
-            of.entry(form.column(c).region.at()).or_default().1.push(c);
+            let parts = of.entry(form.column(c).region.at()).or_default();
+            // What goes into a line is not lost.
+            let is_line = model.element(form.column(c).element).line.is_some();
+            if is_line { parts.0.push(c) } else { parts.1.push(c) }
         }
         let sorted = |mut list: Vec<ColumnId>| {
             list.sort_unstable();

@@ -216,7 +216,7 @@ pub(crate) fn store_loops(c: &Cluster, b: &mut Builder, loops: &[Value]) {
     }
 }
 
-/// Stores the integrals at the end of a step: by their rates over it, and by what they change beside that.
+/// Stores the waves that go into lines over a step, and the integrals at its end: by their rates over it, and by what they change beside that.
 pub(crate) fn store_integrals(
     c: &Cluster,
     model: &mut Model,
@@ -224,6 +224,11 @@ pub(crate) fn store_integrals(
     inputs: &Inputs,
     (flat, more): (&FxHashMap<Symbol, Expr>, &[Option<Value>]),
 ) -> Result<(), Vec<Diagnostic>> {
+    for (i, wave) in c.waves().enumerate() {
+        let wave = model.pool.substitute(wave, flat);
+        let v = lowering.lower(&model.pool, b, wave).map_err(|s| missing(model, s))?;
+        b.store(Slot::new(Array::Output, c.ports.len() + i), v);
+    }
     let first = c.states.len();
     for (i, (integral, start)) in c.integrals.iter().zip(&inputs.integrals).enumerate() {
         let rate = model.pool.substitute(integral.rate, flat);
