@@ -22,7 +22,8 @@ pub fn lints(compiled: &Compiled) -> Vec<String> {
         let list = held(model, form, r).into_iter().chain(loose(form, r)).chain(unmoved(model, r, by_ray(r)));
         list.chain(shut_in(model, form, i, r))
     };
-    form.regions.iter().enumerate().flat_map(of).chain(divided(model, form)).chain(renamed(model)).collect()
+    let read = model.remarks.iter().cloned();
+    form.regions.iter().enumerate().flat_map(of).chain(divided(model, form)).chain(renamed(model)).chain(read).collect()
 }
 
 /// Probes whose columns in the table of a run have other names.

@@ -638,6 +638,8 @@ pub struct Model {
     pub units: Vec<(Option<Dimension>, Option<Dimension>)>,
     /// For each bond, whether effort times flow is no power.
     pub pseudo: Vec<bool>,
+    /// What its text says that the author may not have meant, a sentence each.
+    pub remarks: Vec<String>,
 }
 
 impl Model {

@@ -12,7 +12,8 @@
 //! | [`format()`] | tree to text | reading the result gives the same tree; formatting it again changes nothing |
 //!
 //! [`parse()`] runs the first five. It always returns a tree, and all errors of the text in order of place. With
-//! errors, the tree lacks what could not be read ([`ast::File::gaps`] says if items are missing).
+//! errors, the tree lacks what could not be read ([`ast::File::gaps`] says if items are missing). The compiler calls
+//! [`parse_with_units()`] and says there which symbols are units, so that `6 V*x` is a product.
 //!
 //! # What may be assumed of a tree
 //!
@@ -60,4 +61,4 @@ mod scan;
 pub mod source;
 
 pub use format::format;
-pub use parse::{parse, parse_expr};
+pub use parse::{parse, parse_expr, parse_with_units};

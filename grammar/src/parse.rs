@@ -12,11 +12,21 @@ use crate::recover;
 use crate::scan::Scan;
 use crate::source::{SourceId, Sources, Span};
 
-/// Reads a source. Where there are errors, the tree lacks what could not be read.
+/// Reads a source as it is written: whatever is joined to a number's unit without a space belongs to the unit. Where
+/// there are errors, the tree lacks what could not be read.
 ///
 /// # Panics
 /// If the id comes from another `Sources`.
 pub fn parse(sources: &Sources, id: SourceId) -> (File, Vec<Diagnostic>) {
+    parse_with_units(sources, id, &|_| true)
+}
+
+/// Reads a source as [`parse`] does, with units that end before their first factor that is no unit: `6 V*x` is then the
+/// product of `6 V` and `x`, as `6 V * x` is. A unit whose first factor is none stays whole, and is an error of later.
+///
+/// # Panics
+/// If the id comes from another `Sources`.
+pub fn parse_with_units(sources: &Sources, id: SourceId, is_unit: &dyn Fn(&str) -> bool) -> (File, Vec<Diagnostic>) {
     let text = &sources.get(id).text;
     let whole = Span { source: id, start: 0, end: u32::try_from(text.len()).unwrap_or(u32::MAX) };
     let mut file = File { docs: Vec::new(), items: Vec::new(), comments: Vec::new(), gaps: false, span: whole };
@@ -29,7 +39,7 @@ pub fn parse(sources: &Sources, id: SourceId) -> (File, Vec<Diagnostic>) {
     if let Err(diagnostic) = limit::check(&scan) {
         return (file, vec![diagnostic]);
     }
-    let mut reader = Reader::new(&scan);
+    let mut reader = Reader::new(&scan, is_unit);
     match reader.whole_file() {
         Ok(items) => file.items = items,
         Err(refused) if refused.limit => reader.errors.push(explain::limit_reached(&scan, refused.at)),
@@ -54,7 +64,7 @@ pub fn parse_expr(sources: &Sources, id: SourceId) -> Result<Expr, Diagnostic> {
     }
     let scan = Scan::new(id, text);
     limit::check(&scan)?;
-    let mut reader = Reader::new(&scan);
+    let mut reader = Reader::new(&scan, &|_| true);
     Reader::tell_places();
     let expr = match reader.whole_expr() {
         Ok(expr) => expr,

@@ -26,6 +26,8 @@ pub(crate) struct Reader<'a> {
     pub scan: &'a Scan<'a>,
     /// What is wrong so far.
     pub errors: Vec<Diagnostic>,
+    /// Whether a symbol is a unit.
+    is_unit: &'a dyn Fn(&str) -> bool,
     /// Where the present slice begins.
     offset: usize,
 }
@@ -35,10 +37,10 @@ const MAX_CALLS: usize = 1_000_000_000;
 
 impl<'a> Reader<'a> {
     /// A reader that has read nothing.
-    pub fn new(scan: &'a Scan<'a>) -> Self {
+    pub fn new(scan: &'a Scan<'a>, is_unit: &'a dyn Fn(&str) -> bool) -> Self {
         // Global, and the same for everyone.
         pest::set_call_limit(NonZeroUsize::new(MAX_CALLS));
-        Reader { scan, errors: Vec::new(), offset: 0 }
+        Reader { scan, errors: Vec::new(), is_unit, offset: 0 }
     }
 
     /// Makes refusals name the furthest place that was reached, which costs time. Global, and never undone.

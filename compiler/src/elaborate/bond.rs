@@ -292,7 +292,7 @@ impl<'a> Elaborator<'a> {
         if let Some((entity, span)) = self.instances[at].names.get(&key) {
             return Some((key, *entity, *span));
         }
-        if self.is_lost(at, &segment.name.text) {
+        if self.is_lost(at, &segment.name.text) || sought == Sought::Value && self.follows_unknown(segment, scope) {
             return None;
         }
         let error = self.unknown(at, segment, &key, sought);
@@ -344,6 +344,9 @@ impl<'a> Elaborator<'a> {
             };
         }
         let value = sought == Sought::Value;
+        if value && let Some(error) = self.within_unit(segment) {
+            return error;
+        }
         let by_place = self.in_field_law(segment).or_else(|| match sought {
             Sought::Value => self.in_law(segment).or_else(|| self.as_unit(segment)),
             Sought::Element | Sought::Part => None,

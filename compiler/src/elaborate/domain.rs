@@ -15,6 +15,8 @@ pub struct Names<'n> {
     /// The parameters that the values in an equation's expression come from, with the places of these values, the
     /// outermost first; and whether it is but the name of one.
     pub given: &'n dyn Fn(&Equation) -> (Given, bool),
+    /// The text of an equation's expression.
+    pub text: &'n dyn Fn(&Equation) -> &'n str,
     /// The mend for a name in an equation's expression that is read as a unit there, so that the whole is off by this.
     pub misread: &'n dyn Fn(&Equation, Option<Dimension>) -> Option<String>,
 }
@@ -56,6 +58,22 @@ struct Domain {
     units: &'static str,
     effort: Dimension,
     flow: Dimension,
+}
+
+impl Domain {
+    /// The units of effort and flow, without the kind before them.
+    fn pair(&self) -> (&'static str, &'static str) {
+        let pair = self.units.rsplit_once(": ").map_or(self.units, |(_, pair)| pair);
+        pair.split_once(", ").unwrap_or((pair, pair))
+    }
+
+    fn effort_unit(&self) -> &'static str {
+        self.pair().0
+    }
+
+    fn flow_unit(&self) -> &'static str {
+        self.pair().1
+    }
 }
 
 /// All of them. A pair that stands earlier is believed first, where a value fits several.
@@ -126,6 +144,56 @@ pub(super) fn entropy(all: &[Equation], e: &Equation, system: &System, names: &N
          `Sf:heat = {source}.e*{source}.f`",
         told.join(", ")
     ))
+}
+
+/// What a transformer or gyrator joins, and what ratio fits it, where the one that is given does not.
+pub(super) fn joined(e: &Equation, system: &System, names: &Names<'_>) -> Option<String> {
+    let name = e.about.strip_prefix("the ratio of `")?.strip_suffix('`')?;
+    let Unit::Form(_, terms) = &e.needed.0 else { return None };
+    let term = |sign: i32| terms.iter().find(|t| t.1 == (sign, 1)).map(|t| t.0.0);
+    let (above, below) = (term(1)?, term(-1)?);
+    // Efforts have even numbers: e_in/e_out and f_out/f_in of a TF, e_in/f_out and e_out/f_in of a GY.
+    let kind = if above % 2 == below % 2 { "TF" } else { "GY" };
+    let turned = if kind == "TF" { above % 2 == 1 } else { above > below };
+    let (first, second) = if turned { (below / 2, above / 2) } else { (above / 2, below / 2) };
+    let of = |graph: u32| {
+        let side = |unit: Unit| system.known(&unit);
+        let (effort, flow) = (side(Unit::effort(graph as usize))?, side(Unit::flow(graph as usize))?);
+        domains().into_iter().find(|d| (d.effort, d.flow) == (effort, flow))
+    };
+    let (from, to) = (of(first)?, of(second)?);
+    let unit = |kind: &str| match kind {
+        "TF" => (quotient(from.effort_unit(), to.effort_unit()), from.effort.div(to.effort)),
+        _ => (quotient(from.effort_unit(), to.flow_unit()), from.effort.div(to.flow)),
+    };
+    let joins = format!("`{name}` joins {} ({}) to {} ({})", from.name, from.units, to.name, to.units);
+    let (fits, text, found) = (unit(kind), (names.text)(e), system.known(&e.found.0)?);
+    let (other, article) = if kind == "TF" { ("GY", "an effort over an effort") } else { ("TF", "an effort over a flow") };
+    let wanted = match fits.1.is_one() {
+        true => "a bare number".to_string(),
+        false => format!("in {}", fits.0),
+    };
+    let is = format!("{joins}; the ratio of a {kind} is {article}, here {wanted}");
+    Some(if found == unit(other).1 && !found.is_one() {
+        format!("{is}: what is given is the ratio of a {other}, so write `{other}:{name} = {text}`")
+    } else if found.is_one() && text.trim().parse::<f64>().is_ok() {
+        format!("{is}: write `{} {}`", text.trim(), fits.0)
+    } else if found.mul(fits.1).is_one() {
+        format!("{is}: e_in = ratio e_out, so for the other way write `1/({text})`, or turn the half arrows")
+    } else {
+        is
+    })
+}
+
+/// One unit over another one, as it is written: `V/(N*m)`, `V*s`.
+fn quotient(above: &str, below: &str) -> String {
+    match below.strip_suffix("/s") {
+        Some("rad") => format!("{above}*s"),
+        Some(part) => format!("{above}*s/{part}"),
+        None if above == below => "1".to_string(),
+        None if below.contains(['*', '/']) => format!("{above}/({below})"),
+        None => format!("{above}/{below}"),
+    }
 }
 
 /// The domains of physics that fit an element's equation by itself.

@@ -185,7 +185,12 @@ impl<'a> Elaborator<'a> {
     #[inline]
     fn value_of(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<Value> {
         match &e.kind {
-            ExprKind::Number { digits, unit } => self.quantity(digits, unit.as_ref(), e.span).map(Value::Scalar),
+            ExprKind::Number { digits, unit } => {
+                if let Some(unit) = unit {
+                    self.note_names_as_units(unit, e.span, scope);
+                }
+                self.quantity(digits, unit.as_ref(), e.span).map(Value::Scalar)
+            }
             ExprKind::Bool(b) => Some(Value::Scalar(Typed { expr: self.pool.int(i64::from(*b)), unit: Unit::one() })),
             ExprKind::Paren(inner) => self.value(inner, scope),
             ExprKind::Path(path) => self.path(path, scope),
@@ -268,9 +273,6 @@ impl<'a> Elaborator<'a> {
                 Some(Typed { expr, unit: Unit::known(dimension) })
             }
             Err(unknown) => {
-                if self.mend_apart(&unknown, unit, span) {
-                    return None;
-                }
                 let help = match &unknown.suggestion {
                     // `12_000`
                     _ if unknown.symbol.starts_with('_')
@@ -282,18 +284,14 @@ impl<'a> Elaborator<'a> {
                         // The sign in front of a number is not its own.
                         let before = self.sources.get(span.source).text.get(..span.start as usize);
                         let plain = !before.is_some_and(|text| text.trim_end().ends_with('-'));
-                        celsius(plain.then_some(value), unit)
+                        celsius(plain.then_some(value), &unit.factors)
                     }
                     // No unit of the table, since `3 rad/s*t` would be one of it.
                     _ if unknown.symbol == "t" => {
-                        let time = match unknown.span.start > unit.span.start {
-                            true => self.set_apart(&unknown, unit, span),
-                            false => format!("if `t` is a variable, write the product out: `{}*t`", super::told(value)),
-                        };
-                        format!("a tonne is `Mg`; {}", time.replace("`t` is a variable", "time is meant"))
+                        format!("a tonne is `Mg`; if time is meant, write the product out: `{}*t`", told(value))
                     }
                     // `2.2k`
-                    _ if unknown.span == unit.span && PREFIXES.contains(&unknown.symbol.as_str()) => {
+                    _ if PREFIXES.contains(&unknown.symbol.as_str()) => {
                         let (digits, prefix) = (super::told(value), &unknown.symbol);
                         let of = self.owner.and_then(|id| self.elements.get(id.at())).map(|e| e.kind);
                         let unit = match of {
@@ -310,16 +308,8 @@ impl<'a> Elaborator<'a> {
                              if `{prefix}` is a variable, write the product out: `{digits}*{prefix}`"
                         )
                     }
-                    // `kg/m3`
-                    Some(power) if power.contains('^') && unknown.span.start > unit.span.start => {
-                        format!("did you mean `{power}`? Or, {}", self.set_apart(&unknown, unit, span))
-                    }
-                    // What follows an operator may be a variable, whatever it looks like.
-                    Some(s) if unknown.span.start > unit.span.start => {
-                        format!("{}; or did you mean `{s}`?", self.set_apart(&unknown, unit, span))
-                    }
-                    // A number before a name alone is a unit's; a product has its sign.
-                    _ if unknown.span == unit.span && is_name(&unknown.symbol) => {
+                    // A number before a name is a unit's; a product has its sign.
+                    _ if is_name(&unknown.symbol) => {
                         let product = format!("write the product out: `{}*{}`", super::told(value), unknown.symbol);
                         match &unknown.suggestion {
                             Some(s) => format!("did you mean `{s}`? If it is a variable, {product}"),
@@ -327,7 +317,7 @@ impl<'a> Elaborator<'a> {
                         }
                     }
                     Some(s) => format!("did you mean `{s}`?"),
-                    None => self.set_apart(&unknown, unit, span),
+                    None => "the units are those of the SI, such as `kg`, `N*m` or `mm/s`".to_string(),
                 };
                 self.errors.push(
                     Diagnostic::error("units::unknown", unknown.span, format!("`{}` is no unit", unknown.symbol))
@@ -336,40 +326,6 @@ impl<'a> Elaborator<'a> {
                 None
             }
         }
-    }
-
-    /// How to write a quantity in whose unit stands what may be a variable.
-    fn set_apart(&self, unknown: &units::UnknownSymbol, unit: &ast::Unit, number: Span) -> String {
-        let symbol = &unknown.symbol;
-        match self.apart(unknown, unit, number) {
-            Some(text) => format!("if `{symbol}` is a variable, put spaces around the operator: `{text}`"),
-            None => format!("if `{symbol}` is a variable, put a space before the operator, as in `6 V * x`"),
-        }
-    }
-
-    /// The quantity with spaces around the operator before the symbol.
-    fn apart(&self, unknown: &units::UnknownSymbol, unit: &ast::Unit, number: Span) -> Option<String> {
-        let whole = self.sources.slice(number.to(unit.span));
-        let (head, rest) = whole.split_at_checked((unknown.span.start - number.start) as usize)?;
-        let (head, sign) = head.split_at_checked(head.len().checked_sub(1)?)?;
-        (matches!(sign, "*" | "/") && !head.contains('(')).then(|| format!("{head} {sign} {rest}"))
-    }
-
-    /// Where it is said already that the unit ends too late, its symbol is set apart in that mend too; whether it is.
-    fn mend_apart(&mut self, unknown: &units::UnknownSymbol, unit: &ast::Unit, number: Span) -> bool {
-        // What may be a misspelt unit is told apart, unless a name is declared so.
-        let is_name = self.instances.iter().any(|i| i.names.contains_key(&unknown.symbol));
-        let apart = self.apart(unknown, unit, number).filter(|_| is_name || unknown.suggestion.is_none());
-        let Some(apart) = apart else { return false };
-        let whole = format!("`{} ", self.sources.slice(number.to(unit.span)));
-        let is_behind = |d: &Diagnostic| {
-            d.code == "syntax::unit"
-                && d.labels.first().is_some_and(|l| (l.span.source, l.span.start) == (unit.span.source, unit.span.end))
-        };
-        let said = self.errors.iter_mut().find(|d| is_behind(d)).and_then(|d| d.help.as_mut());
-        let Some(help) = said.filter(|help| help.contains(&whole)) else { return false };
-        *help = help.replacen(&whole, &format!("`{apart} "), 1);
-        true
     }
 
     /// Two things that must have one unit; gives that unit.
@@ -680,8 +636,8 @@ impl<'a> Elaborator<'a> {
 }
 
 /// How a number of degrees Celsius is to be written.
-fn celsius(value: Option<f64>, unit: &ast::Unit) -> String {
-    match (&unit.factors[..], value) {
+pub(super) fn celsius(value: Option<f64>, factors: &[(String, (i32, i32), Span)]) -> String {
+    match (factors, value) {
         ([(_, (1, 1), _)], Some(value)) => {
             let kelvin = libm::round((value + 273.15) * 1e9) / 1e9;
             format!(

@@ -48,6 +48,7 @@ impl<'a> Elaborator<'a> {
         }
         let known = |u: &Unit| units.system.known(u);
         let exchanged = self.exchanges(&known);
+        let remarks = self.told_remarks();
         let parameters = self
             .params
             .iter()
@@ -110,6 +111,7 @@ impl<'a> Elaborator<'a> {
             signals: self.signals,
             units: bond_units,
             pseudo,
+            remarks,
         };
         if self.errors.is_empty() {
             return Ok(model);
@@ -138,6 +140,7 @@ impl<'a> Elaborator<'a> {
                     let alone = text.trim().chars().all(|c| c.is_alphanumeric() || c == '_');
                     (given.unwrap_or_default(), alone)
                 },
+                text: &|e| sources.slice(e.found.1),
                 misread: &|e, off| {
                     let owner = e.owner.and_then(|id| elements.get(id.at()));
                     let instance = &instances[owner.map_or(0, |o| scopes[o.scope].instance)];

@@ -104,12 +104,13 @@ impl Inference {
                     && (o.about.starts_with("the effort of") || o.about.starts_with("the flow of"))
                     && name(&o.found.0).is_some_and(|u| u == "1")
             });
-            let quoted = e.about.strip_suffix("`,").and_then(|about| about.rsplit_once('`')).map(|(_, text)| text);
-            let number = quoted.filter(|text| bare && text.parse::<f64>().is_ok());
+            let text = (names.text)(e).trim();
+            let number = Some(text).filter(|text| bare && text.parse::<f64>().is_ok());
+            let joined = domain::joined(e, &system, names);
             let entropy = domain::entropy(&self.equations, e, &system, names);
             let help = match name(&e.found.0.div(&e.needed.0)) {
                 _ if entropy.is_some() => entropy.unwrap_or_default(),
-                _ if other.is_some() => format!("{}; or give {value}", other.unwrap_or_default()),
+                _ if other.is_some() && joined.is_none() => format!("{}; or give {value}", other.unwrap_or_default()),
                 _ if source.is_some() => {
                     let what = source.map(|o| o.about.as_str()).unwrap_or_default();
                     format!(
@@ -117,13 +118,12 @@ impl Inference {
                         1 N` and `= 1 kg`"
                     )
                 }
+                Some(_) if joined.is_some() => joined.unwrap_or_default(),
                 Some(_) if e.about.starts_with("the ratio of") => format!(
                     "the ratio of a TF is an effort over an effort, that of a GY an effort over a flow, as a motor's constant is: \
                      take the other, or give {value}"
                 ),
-                Some(off) if number.is_some() => {
-                    format!("the unit is off by a factor of {off}: write `{} {needed}`", number.unwrap_or_default())
-                }
+                Some(_) if number.is_some() => format!("give it a unit: write `{} {needed}`", number.unwrap_or_default()),
                 Some(off) => {
                     format!("the unit is off by a factor of {off}: give {value}, or correct the expression")
                 }

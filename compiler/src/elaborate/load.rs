@@ -102,7 +102,7 @@ pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader, erro
 
 impl Loading<'_> {
     fn file(&mut self, id: SourceId, name: String) -> usize {
-        let (file, mut wrong) = bond_grammar::parse(self.sources, id);
+        let (file, mut wrong) = bond_grammar::parse_with_units(self.sources, id, &|symbol| crate::units::lookup(symbol).is_some());
         self.errors.append(&mut wrong);
         let at = self.files.list.len();
         self.known.insert(name.clone(), at);

@@ -244,6 +244,8 @@ pub(crate) struct Elaborator<'a> {
     simulate: Vec<(&'a [ast::Field], ScopeId)>,
     expects: Vec<(&'a ast::Expect, Span, ScopeId)>,
     rounds: u64,
+    /// What is right and may not be meant: where it stands, the name that it is about, and in words.
+    remarks: Vec<(Span, String, String)>,
     /// The texts have errors of their own: what they lack may be what could not be read.
     ruined: bool,
     // known after the bonds are joined
@@ -370,6 +372,7 @@ pub fn elaborate(
         simulate: vec![],
         expects: vec![],
         rounds: 0,
+        remarks: vec![],
         bonds: vec![],
         merged: vec![],
         bonds_of: vec![],

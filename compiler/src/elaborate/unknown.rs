@@ -1,9 +1,11 @@
 //! What a name that means nothing in an expression may have been meant for.
 
-use super::Elaborator;
+use super::express::celsius;
+use super::{Elaborator, Entity, Mode, ScopeId};
 use crate::model::Kind;
 use crate::units;
-use bond_grammar::ast::Segment;
+use bond_grammar::ast::{self, ExprKind, Segment};
+use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 
 /// What laws are written in.
@@ -71,6 +73,127 @@ impl Elaborator<'_> {
         let number = last_number(before.strip_suffix('*')?.trim_end())?;
         Some(format!("if the unit is meant, write it behind its number: `{number} {name}`"))
     }
+
+    /// What is said of a name that is declared nowhere and that touches the unit of a number, where it may have been
+    /// meant as a part of it: `sec` in `3 N*sec`.
+    pub(super) fn within_unit(&self, segment: &Segment) -> Option<Diagnostic> {
+        let (name, span) = (segment.name.text.as_str(), segment.name.span);
+        if !segment.index.is_empty() {
+            return None;
+        }
+        let quantity = quantity_before(self.sources.get(span.source).text.get(..span.start as usize)?)?;
+        let error = |message: String| Diagnostic::error("units::unknown", span, message);
+        if units::lookup(name).is_some() {
+            let (units, rest, first) = split_at_name(quantity)?;
+            let sign = if self.sources.get(span.source).text[..span.start as usize].ends_with('/') { '/' } else { '*' };
+            let message = format!("`{name}` behind `{first}`, which is no unit, is read as a name, and there is none");
+            return Some(error(message).help(format!("write the units first: `{units}{sign}{name}{rest}`")));
+        }
+        let neither = error(format!("`{name}` is neither a unit nor a name here"));
+        if units::is_celsius(name) {
+            return Some(neither.help(celsius(None, &[])));
+        }
+        let unit = units::suggest(name)?;
+        Some(neither.help(format!("did you mean the unit `{unit}`?")))
+    }
+
+    /// Whether a unit stands behind a factor that is neither a unit nor a name, which is said of that: `m` in `3 N*sec/m`.
+    pub(super) fn follows_unknown(&self, segment: &Segment, scope: ScopeId) -> bool {
+        let (name, span) = (segment.name.text.as_str(), segment.name.span);
+        let before = self.sources.get(span.source).text.get(..span.start as usize);
+        let first = before.and_then(quantity_before).and_then(split_at_name).map(|parts| parts.2);
+        let is_known = |name: &str| matches!(name, "t" | "pi") || self.value_named(name, scope).is_some();
+        units::lookup(name).is_some() && first.is_some_and(|first| !is_known(first))
+    }
+
+    /// Notes that a name of the model is read as a unit behind a number, where nothing else shows how it is meant: in an
+    /// output, whose unit nothing checks, or where the name's own value has the unit's dimension.
+    pub(super) fn note_names_as_units(&mut self, unit: &ast::Unit, span: Span, scope: ScopeId) {
+        let first = unit.factors.first().map(|f| f.2);
+        let is_meant = |name: &str| {
+            let Some((_, dimension)) = units::lookup(name) else { return false };
+            let behind = unit.factors.iter().any(|f| f.0 == name && Some(f.2) != first);
+            match self.value_named(name, scope) {
+                Some(_) if self.mode == Mode::Outputs && behind => true,
+                Some(Some(ExprKind::Number { unit: Some(own), .. })) => {
+                    units::of(own).is_ok_and(|(_, own)| own == dimension)
+                }
+                Some(_) | None => false,
+            }
+        };
+        if !unit.factors.iter().any(|f| is_meant(&f.0)) {
+            return;
+        }
+        let read = misread(self.sources.slice(span), &is_meant);
+        let name = unit.factors.iter().find(|f| is_meant(&f.0)).map(|f| f.0.clone());
+        if let (Some(read), Some(name)) = (read, name) {
+            self.remarks.push((span, name, read));
+        }
+    }
+
+    /// Whether a value of this name is known in a scope; what it is given as, where that is seen at once.
+    fn value_named(&self, name: &str, scope: ScopeId) -> Option<Option<&'_ ExprKind>> {
+        if self.locals.iter().any(|(local, _)| local == name) {
+            return Some(None);
+        }
+        let scopes = std::iter::successors(Some(scope), |s| self.scopes[*s].parent);
+        for s in scopes {
+            if self.scopes[s].loop_variable.as_ref().is_some_and(|(v, _)| v == name) {
+                return Some(None);
+            }
+            if self.scopes[s].locals.contains_key(name) {
+                return Some(None);
+            }
+        }
+        match self.instances.get(self.scopes[scope].instance)?.names.get(name)?.0 {
+            Entity::Param(p) => Some(self.params[p].value.map(|(e, _)| &e.kind)),
+            Entity::Let(l) => Some(Some(&self.lets[l].value.kind)),
+            Entity::Input(_) | Entity::Memory(_) => Some(None),
+            Entity::Element(_)
+            | Entity::Instance(_)
+            | Entity::Port(_)
+            | Entity::Function(_)
+            | Entity::Bond(_)
+            | Entity::Field(_)
+            | Entity::Missing => None,
+        }
+    }
+
+    /// The first remark on each name, in order of place.
+    pub(super) fn told_remarks(&mut self) -> Vec<String> {
+        let mut all = std::mem::take(&mut self.remarks);
+        all.sort_by_key(|(span, ..)| (span.source, span.start));
+        let mut seen = rustc_hash::FxHashSet::default();
+        all.retain(|(span, name, _)| {
+            !self.sources.get(span.source).name.starts_with("std/") && seen.insert((span.source, name.clone()))
+        });
+        all.into_iter().map(|(span, _, text)| format!("line {}: {text}", self.sources.position(span).0)).collect()
+    }
+}
+
+/// The number and the unit that a text ends with, before the operator and the bracket that it ends with: `6 V` of
+/// `a + 6 V*(`.
+fn quantity_before(text: &str) -> Option<&str> {
+    let head = text.strip_suffix('(').unwrap_or(text).strip_suffix(['*', '/'])?;
+    let of_unit = |c: char| c.is_alphanumeric() || "_^*/()°%.-".contains(c);
+    let start = head.rfind(|c| !of_unit(c)).map_or(0, |at| at + head[at..].chars().next().map_or(1, char::len_utf8));
+    let unit = &head[start..];
+    if unit.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
+        return Some(unit);
+    }
+    let number = last_number(head[..start].strip_suffix(' ')?)?;
+    (!unit.is_empty()).then(|| &head[start - 1 - number.len()..])
+}
+
+/// A quantity before and behind its first factor that is no unit, with the operator, and that factor.
+fn split_at_name(quantity: &str) -> Option<(&str, &str, &str)> {
+    let signs = quantity.match_indices(['*', '/', '(']);
+    signs.into_iter().find_map(|(at, _)| {
+        let rest = &quantity[at + 1..];
+        let symbol = &rest[..rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len())];
+        let is_name = !symbol.is_empty() && units::lookup(symbol).is_none();
+        is_name.then(|| (&quantity[..at], &quantity[at..], symbol))
+    })
 }
 
 /// Whether one span lies in the other.

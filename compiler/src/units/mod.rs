@@ -56,6 +56,11 @@ pub fn lookup(symbol: &str) -> Option<(f64, Dimension)> {
     table::find(symbol).map(|(factor, dimension)| (factor.round(), dimension))
 }
 
+/// The unit that a symbol which is none may have been meant for.
+pub fn suggest(symbol: &str) -> Option<String> {
+    suggest::suggest(symbol)
+}
+
 /// A number as it is written, with a unit of that factor, in SI: 7.1 ms are 71/10000 s. The decimals of a power of ten
 /// are joined to its own, and rounded with them; another factor below one is the inverse of a rounder number. `None` if
 /// it is no number.

@@ -34,6 +34,13 @@ impl Reader<'_> {
 
     pub(super) fn expr(&mut self, pair: Pair<Rule>) -> Expr {
         let pairs = pair.into_inner();
+        self.operation(pairs)
+    }
+
+    /// Operands with operators between them.
+    fn operation<'p>(&mut self, pairs: impl Iterator<Item = Pair<'p, Rule>>) -> Expr {
+        let is_unit = self.is_unit;
+        let pairs = pairs.flat_map(|pair| parts(pair, is_unit));
         let reader = std::cell::RefCell::new(self);
         PRECEDENCE
             .map_primary(|pair| reader.borrow_mut().primary(pair))
@@ -53,7 +60,9 @@ impl Reader<'_> {
             Rule::sub => Binary::Sub,
             Rule::mul => Binary::Mul,
             Rule::div => Binary::Div,
-            Rule::pow => Binary::Pow,
+            Rule::unit_op if sign.as_str() == "*" => Binary::Mul,
+            Rule::unit_op => Binary::Div,
+            Rule::pow | Rule::unit_pow => Binary::Pow,
             Rule::lt => Binary::Lt,
             Rule::le => Binary::Le,
             Rule::gt => Binary::Gt,
@@ -73,9 +82,6 @@ impl Reader<'_> {
                 format!("write two, joined by `and`: `{} and {middle} {sign} {}`", slice(left.span), slice(right.span));
             let message = "comparisons cannot be chained";
             self.errors.push(Diagnostic::error("syntax::comparison", span, message).help(help));
-        }
-        if matches!(operator, Binary::Mul | Binary::Div) {
-            self.check_unit_end(&left, self.span(&sign), &right);
         }
         if operator == Binary::Pow {
             self.check_unit_power(&left, self.span(&sign), &right);
@@ -109,45 +115,19 @@ impl Reader<'_> {
         self.errors.push(Diagnostic::error("syntax::exponent", sign.to(right.span), message).help(help));
     }
 
-    /// A unit ends at the first space, so that what follows its operator without one would belong to it.
-    fn check_unit_end(&mut self, left: &Expr, sign: Span, right: &Expr) {
-        let mut last = left;
-        let unit = loop {
-            match &last.kind {
-                ExprKind::Binary(_, _, b) | ExprKind::Unary(_, b) => last = b,
-                ExprKind::Number { unit: Some(unit), .. } => break unit,
-                _ => return,
-            }
-        };
-        let is_number = matches!(right.kind, ExprKind::Number { .. });
-        if unit.span.end == sign.start && sign.end == right.span.start && !is_number {
-            // `1 H*f*(x + 1)`: the variables of laws are not units.
-            let plain = !self.scan.slice(unit.span).contains('(');
-            let variable = unit.factors.iter().skip(1).find(|f| is_variable(&f.0));
-            if let Some((name, _, at)) = variable.filter(|_| plain) {
-                let text = self.scan.slice(last.span.to(right.span));
-                let (head, rest) = text.split_at((at.start - last.span.start) as usize);
-                let (head, sign) = head.split_at(head.len() - 1);
-                let message = format!("`{name}` is read as a unit, which ends at the first space, but is not one");
-                let help = format!("put spaces around the operator: `{head} {sign} {}`", set_apart(rest));
-                self.errors.push(Diagnostic::error("syntax::unit", at.to(right.span), message).help(help));
-                return;
-            }
-            let [unit, sign_, right_] = [unit.span, sign, right.span].map(|s| self.scan.slice(s).to_string());
-            let message =
-                format!("`{unit}{sign_}{right_}` is read as a unit, which ends at the first space, but is not one");
-            let left = self.scan.slice(last.span);
-            let help = format!("put spaces around the operator: `{left} {sign_} {}`", set_apart(&right_));
-            self.errors.push(Diagnostic::error("syntax::unit", sign.to(right.span), message).help(help));
-        }
-    }
-
     fn primary(&mut self, pair: Pair<Rule>) -> Expr {
         let span = self.span(&pair);
         let kind = match pair.as_rule() {
             Rule::quantity | Rule::timed_quantity => return self.quantity(pair),
             Rule::boolean => ExprKind::Bool(pair.as_str() == "true"),
             Rule::path => ExprKind::Path(self.path(pair)),
+            // Behind a unit that ended before it.
+            Rule::symbol | Rule::bare_symbol => {
+                let segments = vec![Segment { name: self.name(&pair), index: Vec::new() }];
+                ExprKind::Path(Path { segments, span })
+            }
+            Rule::unit_group => return self.group(pair),
+            Rule::power => return self.power(&pair),
             Rule::paren => ExprKind::Paren(Box::new(self.expr(inner(pair)))),
             Rule::list => ExprKind::List(children(pair).map(|pair| self.expr(pair)).collect()),
             Rule::call => {
@@ -169,25 +149,67 @@ impl Reader<'_> {
         let span = self.span(&pair);
         let mut parts = children(pair);
         let digits = next(&mut parts).as_str().to_string();
+        let mut span = span;
         let unit = parts.next().map(|pair| {
-            let span = self.span(&pair);
+            let whole = self.span(&pair);
+            let rest = behind_unit(&pair, self.is_unit);
+            let kept: Vec<Pair<Rule>> = children(pair).collect();
+            let kept = &kept[..kept.len() - rest.len()];
+            span.end = kept.last().map_or(span.end, |last| self.span(last).end);
             let mut factors = Vec::new();
-            self.factors(pair, (1, 1), &mut factors);
-            Unit { factors, span }
+            self.factors(kept.iter().cloned(), (1, 1), &mut factors);
+            Unit { factors, span: Span { end: span.end, ..whole } }
         });
         Expr { kind: ExprKind::Number { digits, unit }, span }
     }
 
+    /// `(m*x)` behind a unit that ended before it, without its exponent.
+    fn group(&mut self, pair: Pair<Rule>) -> Expr {
+        let mut span = self.span(&pair);
+        let within = children(pair).filter(|part| part.as_rule() != Rule::exponent);
+        let within: Vec<Pair<Rule>> = within.collect();
+        if let Some(last) = within.last() {
+            span.end = self.span(last).end + 1; // its bracket
+        }
+        let within = within.into_iter().flat_map(operands);
+        Expr { kind: ExprKind::Paren(Box::new(self.operation(within))), span }
+    }
+
+    /// The `2`, `-1` or `(1/2)` of a power behind a unit that ended before it.
+    fn power(&self, pair: &Pair<Rule>) -> Expr {
+        let span = self.span(pair);
+        let of = |kind| Expr { kind, span };
+        let number = |digits: &str| of(ExprKind::Number { digits: digits.to_string(), unit: None });
+        let signed = |digits: &str| match digits.strip_prefix('-') {
+            Some(digits) => of(ExprKind::Unary(Unary::Neg, Box::new(number(digits)))),
+            None => number(digits),
+        };
+        match pair.as_str().trim_matches(['(', ')']).split_once('/') {
+            Some((above, below)) => {
+                of(ExprKind::Binary(Binary::Div, Box::new(signed(above)), Box::new(number(below))))
+            }
+            None => signed(pair.as_str().trim_matches(['(', ')'])),
+        }
+    }
+
     /// Factors of a unit or of a group in it, each to a power.
-    fn factors(&mut self, pair: Pair<Rule>, power: (i32, i32), factors: &mut Vec<(String, (i32, i32), Span)>) {
+    fn factors<'p>(
+        &mut self,
+        pairs: impl Iterator<Item = Pair<'p, Rule>>,
+        power: (i32, i32),
+        factors: &mut Vec<(String, (i32, i32), Span)>,
+    ) {
         let mut sign = 1;
-        for pair in children(pair) {
+        for pair in pairs {
             let own = children(pair.clone()).find(|part| part.as_rule() == Rule::exponent);
             let (above, below) =
                 own.map_or((sign * power.0, power.1), |own| self.exponent(own, (sign * power.0, power.1)));
             match pair.as_rule() {
                 Rule::unit_op => sign = if pair.as_str() == "/" { -1 } else { 1 },
-                Rule::unit_group => self.factors(pair, (above, below), factors),
+                Rule::unit_group => {
+                    let within: Vec<Pair<Rule>> = children(pair).collect();
+                    self.factors(within.into_iter(), (above, below), factors);
+                }
                 Rule::factor | Rule::timed_factor => {
                     let symbol = next(&mut children(pair));
                     factors.push((symbol.as_str().to_string(), (above, below), self.span(&symbol)));
@@ -239,28 +261,52 @@ static PRECEDENCE: LazyLock<PrattParser<Rule>> = LazyLock::new(|| {
         .op(Op::prefix(Rule::not_op))
         .op(left(Rule::lt) | left(Rule::le) | left(Rule::gt) | left(Rule::ge) | left(Rule::eq) | left(Rule::ne))
         .op(left(Rule::add) | left(Rule::sub))
-        .op(left(Rule::mul) | left(Rule::div))
+        .op(left(Rule::mul) | left(Rule::div) | left(Rule::unit_op))
         .op(Op::prefix(Rule::neg))
-        .op(Op::infix(Rule::pow, Assoc::Right))
+        .op(Op::infix(Rule::pow, Assoc::Right) | Op::infix(Rule::unit_pow, Assoc::Right))
 });
 
-/// Whether this is a variable of laws, time, or a name, and not a unit.
-fn is_variable(name: &str) -> bool {
-    matches!(name, "e" | "f" | "p" | "q" | "t") || name.contains(|c: char| c.is_ascii_digit() || c == '_')
+/// What follows the unit of a number within its chain of factors, from the operator on: the unit ends before its first
+/// factor that is none. Nothing follows where the first factor is none, which is an error of later.
+fn behind_unit<'p>(unit: &Pair<'p, Rule>, is_unit: &dyn Fn(&str) -> bool) -> Vec<Pair<'p, Rule>> {
+    let mut parts: Vec<Pair<Rule>> = children(unit.clone()).collect();
+    match parts.iter().position(|part| part.as_rule() != Rule::unit_op && !is_of_units(part, is_unit)) {
+        Some(at) if at > 1 => parts.split_off(at - 1),
+        _ => Vec::new(),
+    }
 }
 
-/// A text with spaces around the operators before variables, which would else be read as units.
-fn set_apart(text: &str) -> String {
-    let is_name = |c: char| c.is_alphanumeric() || c == '_';
-    let mut apart = String::new();
-    for (at, c) in text.char_indices() {
-        let rest = &text[at + c.len_utf8()..];
-        let name = &rest[..rest.find(|c| !is_name(c)).unwrap_or(rest.len())];
-        let joined = matches!(c, '*' | '/') && text[..at].ends_with(is_name) && name.starts_with(char::is_alphabetic);
-        match joined && is_variable(name) {
-            true => apart.extend([' ', c, ' ']),
-            false => apart.push(c),
-        }
+/// Whether a factor, or each in a group, is a unit.
+fn is_of_units(part: &Pair<Rule>, is_unit: &dyn Fn(&str) -> bool) -> bool {
+    match part.as_rule() {
+        Rule::factor | Rule::timed_factor => is_unit(next(&mut children(part.clone())).as_str()),
+        Rule::unit_group => children(part.clone()).all(|part| is_of_units(&part, is_unit)),
+        _ => true,
     }
-    apart
+}
+
+/// An operand or operator of an expression; a number with what stands behind its unit gives several.
+fn parts<'p>(pair: Pair<'p, Rule>, is_unit: &dyn Fn(&str) -> bool) -> impl Iterator<Item = Pair<'p, Rule>> {
+    let unit = match pair.as_rule() {
+        Rule::quantity | Rule::timed_quantity => children(pair.clone()).nth(1),
+        _ => None,
+    };
+    let rest = unit.map_or_else(Vec::new, |unit| behind_unit(&unit, is_unit));
+    std::iter::once(pair).chain(rest.into_iter().flat_map(operands))
+}
+
+/// A factor behind a unit as an operand, with the operator and the operand of its power.
+fn operands(part: Pair<Rule>) -> Vec<Pair<Rule>> {
+    let exponent = |part: &Pair<'_, Rule>| part.as_rule() == Rule::exponent;
+    match part.as_rule() {
+        Rule::factor | Rule::timed_factor => {
+            children(part).flat_map(|part| if exponent(&part) { operands(part) } else { vec![part] }).collect()
+        }
+        Rule::unit_group => {
+            let power = children(part.clone()).find(exponent);
+            std::iter::once(part).chain(power.into_iter().flat_map(operands)).collect()
+        }
+        Rule::exponent => children(part).collect(),
+        _ => vec![part],
+    }
 }
