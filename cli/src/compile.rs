@@ -139,7 +139,11 @@ impl Options {
         let sources = text.sources.clone();
         match bond_compiler::compile_loaded(&sources, &text.loaded, &options) {
             Ok(inner) => Ok(Compiled { inner, sources, used: text.used.clone() }),
-            Err(list) => Err(Errors::new(sources, list)),
+            Err(list) => {
+                // What cannot be read is wrong in any scene.
+                let of_scene = list.iter().any(|d| !d.code.starts_with("syntax::"));
+                Err(Errors::new(sources, list).with_note(text.loaded.other_scene(&options).filter(|_| of_scene)))
+            }
         }
     }
 }
@@ -426,6 +430,9 @@ pub trait CompiledInternals {
     /// The stages of what runs, up to its step programs.
     fn stages(&self) -> &bond_compiler::Stages;
 
+    /// The stages of all of the model.
+    fn whole(&self) -> &bond_compiler::Stages;
+
     /// What runs.
     fn scene(&self) -> &Scene;
 
@@ -439,6 +446,10 @@ pub trait CompiledInternals {
 impl CompiledInternals for Compiled {
     fn stages(&self) -> &bond_compiler::Stages {
         &self.inner.stages
+    }
+
+    fn whole(&self) -> &bond_compiler::Stages {
+        self.inner.whole.as_ref().map_or(&self.inner.stages, |whole| &whole.stages)
     }
 
     fn scene(&self) -> &Scene {
@@ -456,7 +467,7 @@ impl CompiledInternals for Compiled {
 /// A combination that makes no sense, or a picture that would be too large, in words.
 fn show(compiled: &Compiled, what: What, format: As) -> Result<String, String> {
     let (inner, whole) = (&compiled.inner, compiled.inner.whole.as_ref());
-    let stages = whole.map_or(&inner.stages, |w| &w.stages);
+    let stages = compiled.whole();
     let shown = Shown {
         model: &mut stages.model.clone(),
         graph: &stages.graph,

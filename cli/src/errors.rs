@@ -9,11 +9,21 @@ use std::fmt;
 pub struct Errors {
     sources: Sources,
     list: Vec<Diagnostic>,
+    note: Option<String>,
 }
 
 impl Errors {
     pub(crate) fn new(sources: Sources, list: Vec<Diagnostic>) -> Self {
-        Self { sources, list }
+        Self { sources, list, note: None }
+    }
+
+    pub(crate) fn with_note(self, note: Option<String>) -> Self {
+        Self { note, ..self }
+    }
+
+    /// That another model of the text may have been meant as the scene, if one may.
+    pub fn note(&self) -> Option<&str> {
+        self.note.as_deref()
     }
 
     /// The texts that the diagnostics point into.
@@ -34,6 +44,9 @@ impl fmt::Display for Errors {
                 writeln!(f)?;
             }
             f.write_str(&d.render(&self.sources))?;
+        }
+        if let Some(note) = &self.note {
+            write!(f, "\nnote: {note}\n")?;
         }
         Ok(())
     }

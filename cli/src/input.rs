@@ -171,6 +171,7 @@ pub fn table(path: &Path, scene: &Scene, hold: bool) -> Result<Vec<(String, Inpu
 /// Draws what is wrong.
 pub fn wrong(errors: &Errors) -> Stop {
     report::diagnostics(errors.sources(), errors.list());
+    errors.note().into_iter().for_each(|note| report::say(&format!("note: {note}")));
     Stop::Said(status(errors))
 }
 

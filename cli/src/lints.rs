@@ -1,9 +1,10 @@
 //! Remarks on a valid model: what it says that the author probably did not mean.
 
 use crate::column;
+use crate::summary::MAX_LISTED;
 use bond::Compiled;
 use bond::internal::CompiledInternals;
-use bond_compiler::model::{Kind, Model, Variable};
+use bond_compiler::model::{ElementId, Kind, Model, Variable};
 use bond_compiler::structure::{Column, ColumnId, Form, Region, Role};
 
 /// A note for each: storages that a detector holds at rest, pieces that nothing gives power, what `ray` never
@@ -123,4 +124,90 @@ fn loose(form: &Form, r: &Region) -> Option<String> {
         at 0"
         )
     })
+}
+
+/// What the structure of a model says that its author may not know: storages without a state of their own, those that
+/// sources alone move, and algebraic loops.
+pub fn structure(compiled: &Compiled) -> Vec<String> {
+    let stages = compiled.whole();
+    let (model, form) = (&stages.model, &stages.form);
+    let mut notes = Vec::new();
+    for r in &form.regions {
+        notes.extend(derivative(model, r));
+        notes.extend(driven(model, form, r));
+        for members in r.loops(&model.pool, form) {
+            let names = listed(members.iter().map(|c| form.column(*c).name.as_str()));
+            let linear = members.iter().all(|c| r.gains.contains_key(c));
+            let how = if linear { "solved exactly" } else { "solved by iteration in each step" };
+            notes.push(format!(
+                "{names} determine one another at each instant (an algebraic loop), which is {how}; a storage between \
+                them, as real parts have, ends the loop"
+            ));
+        }
+    }
+    notes
+}
+
+/// Names in a row, of many the first.
+fn listed<'n>(names: impl Iterator<Item = &'n str>) -> String {
+    let mut names: Vec<String> = names.map(|name| format!("`{name}`")).collect();
+    if let Some(more) = names.len().checked_sub(MAX_LISTED).filter(|more| *more > 1) {
+        names.truncate(MAX_LISTED);
+        names.push(format!("{more} more"));
+    }
+    match names.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} and {last}", others.join(", ")),
+        _ => names.join(""),
+    }
+}
+
+/// Storages in derivative causality, which were merged into others.
+fn derivative(model: &Model, r: &Region) -> Option<String> {
+    let merged: Vec<_> = r.dependent.iter().filter(|d| !d.into.is_empty()).collect();
+    let first = merged.first()?;
+    let name = |id: ElementId| model.element(id).name.as_str();
+    let follow = {
+        let mut states: Vec<&str> = merged.iter().flat_map(|d| &d.into).map(String::as_str).collect();
+        states.sort_unstable();
+        states.dedup();
+        listed(states.iter().map(|s| s.rsplit_once('.').map_or(*s, |(owner, _)| owner)))
+    };
+    let (is, it, own) = match merged.len() {
+        1 => ("is", "it follows", "it"),
+        _ => ("are", "they follow", "each"),
+    };
+    let soft = if model.element(first.element).kind == Kind::I { "a C" } else { "an I" };
+    Some(format!(
+        "{} {is} in derivative causality: {it} {follow} rigidly, which is computed exactly; {soft} or an R between \
+        them would give {own} a state of its own",
+        listed(merged.iter().map(|d| name(d.element)))
+    ))
+}
+
+/// Storages that sources alone move: a capacitor across a source.
+fn driven(model: &Model, form: &Form, r: &Region) -> Vec<String> {
+    let mut told: Vec<(Kind, &[ColumnId], Vec<&str>)> = Vec::new();
+    for f in r.following.iter().filter(|f| !f.sources.is_empty()) {
+        let column = form.column(f.column);
+        let kind = model.element(column.element).kind;
+        match told.iter_mut().find(|t| (t.0, t.1) == (kind, f.sources.as_slice())) {
+            Some(same) => same.2.push(&column.name),
+            None => told.push((kind, &f.sources, vec![&column.name])),
+        }
+    }
+    let one = |(kind, sources, names): (Kind, &[ColumnId], Vec<&str>)| {
+        let sources = listed(sources.iter().map(|c| form.column(*c).name.as_str()));
+        let several = names.len() > 1;
+        let (is, has, it) = if several { ("are", "have", "they have") } else { ("is", "has", "it has") };
+        let (how, what) = match kind == Kind::C {
+            true => (format!("{is} across the source {sources}"), "flow"),
+            false => (format!("{has} the flow of the source {sources}"), "effort"),
+        };
+        format!(
+            "{} {how}, with nothing between: {it} no state, and the {what} is what the slope of the source asks for, \
+            without limit where that jumps; real sources have an R between",
+            listed(names.into_iter())
+        )
+    };
+    told.into_iter().map(one).collect()
 }

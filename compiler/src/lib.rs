@@ -256,6 +256,31 @@ impl Loaded {
         }
         self.files.functions_of(0).map(|(_, f)| f.name.text.as_str()).collect()
     }
+
+    /// That the scene is the last model of the file, where another model may have been meant: one without ports that
+    /// has outputs, settings or expectations, or that uses the last one, and that the last one does not use.
+    pub fn other_scene(&self, options: &Options) -> Option<String> {
+        if options.model.is_some() {
+            return None;
+        }
+        let (scene, others) = self.files.other_scenes();
+        let scene = scene?;
+        let (user, first) = (others.iter().find(|o| o.1), others.first()?);
+        Some(match user {
+            Some((name, _)) => format!(
+                "`{scene}` is the scene because it stands last in its file; `--model {name}` takes `{name}`, which uses it"
+            ),
+            None => {
+                let names: Vec<String> = others.iter().map(|o| format!("`{}`", o.0)).collect();
+                let more =
+                    if names.len() > 1 { format!(" (others are {})", names[1..].join(", ")) } else { String::new() };
+                format!(
+                    "`{scene}` is the scene because it stands last in its file; `--model {0}` takes `{0}`{more}",
+                    first.0
+                )
+            }
+        })
+    }
 }
 
 /// Reads and parses a source, and all that it uses. What is wrong with them is said when it is compiled.
@@ -272,6 +297,7 @@ pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader) -> L
 pub fn compile_loaded(sources: &Sources, loaded: &Loaded, options: &Options) -> Result<Compiled, Vec<Diagnostic>> {
     let elaborated = elaborate::elaborate(sources, loaded.main, &loaded.files, options, loaded.errors.clone());
     let mut model = elaborated.map_err(|broken| all_errors(broken, options))?;
+    model.remarks.extend(loaded.other_scene(options));
     reduction::leave_out(&mut model, &options.without)?;
     model.settings.thresholds = options.thresholds;
     model.settings.pace = options.pace(&model.settings);

@@ -105,8 +105,8 @@ impl Point {
         }
         let stuck = match why == SINGULAR {
             true => {
-                "; parts that friction holds at rest have no linear model: take another instant by `--at`, or other \
-                starts"
+                "; friction that holds at rest has no slope. Take an instant at which it slips (`--at`); have it slip, by \
+                a start or a larger source (`--set`); or give it a slope at rest, as `e = F*tanh(f/(1 mm/s))` has"
             }
             false => "",
         };

@@ -109,6 +109,8 @@ impl Brackets {
             let starts = index == 0 || scan.ends_operand(index - 1) || matches!(scan.word(index - 1), ";" | "{");
             match word {
                 "model" | "for" | "sampled" if is_strong_start(scan, index) => (block, range) = (true, word == "for"),
+                // `for i = 1:n {`
+                "for" if guess && first && scan.is_name(index + 1) => (block, range) = (true, true),
                 "sample" | "sampled" | "sampling" if first => block = true,
                 "if" if starts => block = true,
                 "else" if index > 0 && scan.word(index - 1) == "}" => block = true,

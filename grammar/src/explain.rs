@@ -70,6 +70,44 @@ pub(crate) fn no_body(scan: &Scan, head: Range<usize>) -> Diagnostic {
     Diagnostic::error("syntax::body", span, message).help("write its statements between `{` and `}`")
 }
 
+/// That a text without bonds is written in the language of another tool, with what stands for its parts here.
+pub(crate) fn other_language(scan: &Scan) -> Option<Diagnostic> {
+    let count = scan.tokens.len();
+    if (0..count).any(|index| matches!(scan.word(index), "->" | "||>" | "->|" | "|->")) {
+        return None;
+    }
+    let begins = |index: &usize| scan.tokens[*index].first;
+    let modelica = |index: &usize| match scan.word(*index) {
+        "Modelica" => scan.word(index + 1) == ".",
+        "equation" | "algorithm" => begins(index) && scan.kind(index + 1) == Some(Kind::Word),
+        "end" => begins(index) && scan.kind(index + 1) == Some(Kind::Word) && matches!(scan.word(index + 2), ";" | ""),
+        _ => false,
+    };
+    let sidops = |index: &usize| {
+        matches!(scan.word(*index), "equations" | "variables" | "parameters")
+            && begins(index)
+            && scan.kind(index + 1) == Some(Kind::Word)
+    };
+    let (tool, at) = (0..count)
+        .find(modelica)
+        .map(|at| ("Modelica", at))
+        .or_else(|| (0..count).find(sidops).map(|at| ("20-sim", at)))?;
+    let message = format!("this looks like text of {tool}, which has other statements");
+    let help = match tool {
+        "Modelica" => {
+            "write components as elements, `Resistor R1(R=10)` as `R:R1 = 10 Ohm`; what `connect` joins as bonds to a \
+             junction, `1:loop -> R1, C1`; `der(x) = f` as the law of a storage or as `state x = 0 { dx = f }`; and \
+             the whole in `model Name { ... }`. `bond new NAME` makes a model to begin with"
+        }
+        _ => {
+            "write parameters in the head, `model Name(R = 10 Ohm) { ... }`; variables as `let x = ...`; equations as \
+             laws of elements, `R:r { e = R*f }`, which bonds join, `1:loop -> r, c`. `bond new NAME` makes a model to \
+             begin with"
+        }
+    };
+    Some(Diagnostic::error("syntax::language", scan.span_of(at), message).help(help))
+}
+
 /// Text outside of all models.
 pub(crate) fn outside(scan: &Scan, range: Range<usize>) -> Diagnostic {
     let found = scan.word(range.start);
@@ -263,7 +301,8 @@ impl<'a> Wreck<'a> {
         let wanted = open.last()?;
         let message = format!("`{wanted}` is expected here, but {}", self.found());
         let error = self.error("syntax::if", self.at, message);
-        Some(error.help("a choice is written `if condition then value else value`"))
+        let other = if *wanted == "else" { "; say what it is otherwise, such as `else 0`" } else { "" };
+        Some(error.help(format!("a choice is written `if condition then value else value`{other}")))
     }
 
     fn unexpected(&self) -> Diagnostic {
@@ -303,6 +342,15 @@ impl<'a> Wreck<'a> {
         if chain && self.scan.is_name(self.before()) && self.scan.is_name(self.at) && self.open_bracket().is_none() {
             return error
                 .help(format!("elements of a list have commas between them: `{before}, {}`", self.word(self.at)));
+        }
+        if self.word(self.at) == "." && before == ")" {
+            let open = (self.range.start..self.before()).rfind(|index| self.word(*index) == "(");
+            let name = open.and_then(|open| open.checked_sub(1)).filter(|index| self.scan.is_name(*index));
+            if let (Some(open), Some(name)) = (open, name) {
+                let within = self.scan.slice(self.scan.span_of(open + 1).to(self.scan.span_of(self.before() - 1)));
+                let (name, part) = (self.word(name), self.word(self.at + 1));
+                return error.help(format!("an index stands in square brackets: `{name}[{within}].{part}`"));
+            }
         }
         let follows = self.word(self.at) == "," && self.scan.starts_element(self.at + 1);
         if follows && self.piece == Piece::Statement && self.open_bracket().is_none() {

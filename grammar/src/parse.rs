@@ -43,6 +43,10 @@ pub fn parse_with_units(sources: &Sources, id: SourceId, is_unit: &dyn Fn(&str) 
     match reader.whole_file() {
         Ok(items) => file.items = items,
         Err(refused) if refused.limit => reader.errors.push(explain::limit_reached(&scan, refused.at)),
+        Err(_) if let Some(diagnostic) = explain::other_language(&scan) => {
+            reader.errors.push(diagnostic);
+            file.gaps = true;
+        }
         Err(_) => {
             Reader::tell_places();
             (file.items, file.gaps) = recover::file(&mut reader);

@@ -265,8 +265,13 @@ impl Printer<'_> {
             ExprKind::Binary(operator, left, right) => {
                 self.expr(left, text);
                 // `N-[` would begin a named bond
-                let bracket = *operator == Binary::Sub && begins_with_list(right);
-                self.operator(*operator, ends_with_unit(left), bracket, text);
+                let bracket = *operator == Binary::Sub && matches!(first_operand(right).kind, ExprKind::List(_));
+                // What touches a unit, and is no part of it, is read so again; but `6 V*( m )` without its spaces is
+                // another.
+                let between = self.source.get(left.span.end as usize..right.span.start as usize);
+                let grouped = matches!(first_operand(right).kind, ExprKind::Paren(_));
+                let touches = between.is_some_and(|sign| sign.len() == 1) && !grouped;
+                self.operator(*operator, ends_with_unit(left) && !touches, bracket, text);
                 self.expr(right, text);
             }
             ExprKind::If(condition, then, otherwise) => {
@@ -298,13 +303,13 @@ impl Printer<'_> {
         }
     }
 
-    fn operator(&self, operator: Binary, after_unit: bool, bracket: bool, text: &mut String) {
+    fn operator(&self, operator: Binary, apart: bool, bracket: bool, text: &mut String) {
         let (sign, spaced) = match operator {
             Binary::Add => ("+", !self.tight),
             Binary::Sub => ("-", !self.tight || bracket),
-            Binary::Mul => ("*", after_unit),
-            Binary::Div => ("/", after_unit),
-            Binary::Pow => ("^", after_unit),
+            Binary::Mul => ("*", apart),
+            Binary::Div => ("/", apart),
+            Binary::Pow => ("^", apart),
             Binary::Lt => ("<", true),
             Binary::Le => ("<=", true),
             Binary::Gt => (">", true),
@@ -324,18 +329,18 @@ impl Printer<'_> {
     }
 }
 
-/// The text of an expression begins with `[`.
-fn begins_with_list(expr: &Expr) -> bool {
+/// The operand that the text of an expression begins with.
+fn first_operand(expr: &Expr) -> &Expr {
     match &expr.kind {
-        ExprKind::List(_) => true,
-        ExprKind::Binary(_, first, _) => begins_with_list(first),
+        ExprKind::Binary(_, first, _) => first_operand(first),
         ExprKind::Number { .. }
         | ExprKind::Bool(_)
         | ExprKind::Path(_)
         | ExprKind::Unary(..)
         | ExprKind::If(..)
         | ExprKind::Call(..)
-        | ExprKind::Paren(_) => false,
+        | ExprKind::List(_)
+        | ExprKind::Paren(_) => expr,
     }
 }
 

@@ -299,7 +299,10 @@ impl Recovery<'_, '_> {
             // `R drag = ...`, `1 v -> ...`, without the colon
             let follows = matches!(scan.word(index + 1), "=" | "{" | "[") || is_arrow(scan.word(index + 1));
             let kind = index == range.start + 1 && follows || matches!(before, "0" | "1");
-            if declared || kind {
+            // `Resistor R1(R = 10 Ohm)`, `parameter Real k = 2`
+            let called = index == range.start + 1 && scan.word(index + 1) == "(";
+            let foreign = explain::is_foreign(scan.word(range.start)) && scan.word(index + 1) == "=";
+            if declared || kind || called || foreign {
                 self.lost.push(scan.word(index).to_string());
             }
         }

@@ -259,3 +259,41 @@ fn definitions() {
     // It begins a statement only where one fits.
     assert!(matches!(&body("I:output = 1 kg output -> v")[..], [StatementKind::Element(_), StatementKind::Chain(_)]));
 }
+
+/// A unit ends before its first factor that is none, whatever follows, as if there were spaces around its operator.
+#[test]
+fn units_end_before_names() {
+    let read = |text: &str| {
+        let mut sources = Sources::new();
+        let id = sources.add("a.bond", format!("model M {{ let it = {text} }}"));
+        let is_unit = |symbol: &str| matches!(symbol, "V" | "m" | "s");
+        let (file, errors) = bond_grammar::parse_with_units(&sources, id, &is_unit);
+        assert!(errors.is_empty(), "{text}: {errors:?}");
+        match &file.items[..] {
+            [Item::Model(model)] => match &model.body[0].kind {
+                StatementKind::Let(it) => show(&it.value),
+                other => panic!("{text}: {other:?}"),
+            },
+            other => panic!("{text}: {other:?}"),
+        }
+    };
+    for (tight, apart) in [
+        ("6 V*x", "6 V * x"),
+        ("6 V*s/m^2", "6 V*s/m^2"),
+        ("6 V*x^2/s", "6 V * x^2/s"),
+        ("6 V*x^-2*y", "6 V * x^-2*y"),
+        ("6 V*x^(1/2)", "6 V * x^(1/2)"),
+        ("6 V*x^2^y", "6 V * x^2^y"),
+        ("6 V/(m*x)^2*s", "6 V / (m*x)^2*s"),
+        ("6 V/(m*(s*x))", "6 V / (m*(s*x))"),
+        ("a/6 V*x + 1", "a/6 V * x + 1"),
+        ("2^6 s*x", "2^6 s * x"),
+        ("-6 V*exp(x)*y", "-6 V * exp(x)*y"),
+        ("6 V*x[1].e", "6 V * x[1].e"),
+        ("6 V*(x)", "6 V * (x)"),
+    ] {
+        assert_eq!(read(tight), read(apart), "{tight}");
+    }
+    // A first factor that is no unit is an error of later.
+    assert_eq!(read("6 x*V"), "<6 x^1 V^1>");
+}

@@ -6,6 +6,7 @@ mod constraints;
 mod corners;
 
 mod adaptive;
+mod advice;
 mod allocation;
 mod backend;
 mod bounds;

@@ -3,7 +3,7 @@
 use crate::attribution::Attribution;
 use crate::drive;
 use crate::input::{self, Which};
-use crate::lints::lints;
+use crate::lints::{lints, structure};
 use crate::output;
 use crate::report;
 use crate::rows::{Grid, Rows};
@@ -56,7 +56,8 @@ pub fn check(args: &Args) -> Result<(), Stop> {
             Ok(compiled) => match feasible(&compiled) {
                 Ok(()) => {
                     report::say(&fine(&name, &compiled));
-                    lints(&compiled).iter().for_each(|r| report::say(&format!("note: {r}")));
+                    let notes = lints(&compiled).into_iter().chain(structure(&compiled));
+                    notes.for_each(|r| report::say(&format!("note: {r}")));
                 }
                 Err(Stop::Placed(placed)) => {
                     tell(args.message_format, &placed.0, std::slice::from_ref(&placed.1))?;
@@ -71,6 +72,7 @@ pub fn check(args: &Args) -> Result<(), Stop> {
             Err(errors) => {
                 status = status.max(input::status(&errors));
                 tell(args.message_format, errors.sources(), errors.list())?;
+                errors.note().into_iter().for_each(|note| report::say(&format!("note: {note}")));
             }
         }
     }

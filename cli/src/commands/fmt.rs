@@ -47,7 +47,7 @@ fn one(path: &Path, check: bool) -> Result<bool, Stop> {
     let before = input::read(path)?;
     let mut sources = Sources::new();
     let id = sources.add(input::name(path), before.clone());
-    let (file, errors) = bond_grammar::parse(&sources, id);
+    let (file, errors) = bond_grammar::parse_with_units(&sources, id, &bond_compiler::units::is_unit);
     if !errors.is_empty() {
         report::diagnostics(&sources, &errors);
         return Err(Stop::Said(1));

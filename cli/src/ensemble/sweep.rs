@@ -88,11 +88,59 @@ pub fn parse(text: &str) -> Result<Sweep, String> {
     let (values, dimension) = match rest.split_once("..") {
         Some((from, range)) => self::range(&path, from, range)?,
         None => {
-            let list = rest.split(',').map(bond::internal::quantity).collect::<Result<Vec<_>, _>>()?;
+            let list = rest.split(',').map(bond::internal::quantity).collect::<Result<Vec<_>, _>>();
+            let list = list.map_err(|why| meant(&path, rest).unwrap_or(why))?;
             (Values::List(list.iter().map(|q| q.0).collect()), unit(&list)?)
         }
     };
     Ok(Sweep { path, dimension, text: plain(rest), values })
+}
+
+/// How many values a range has that is given by its ends and a step, where they meet.
+fn steps(from: &str, to: &str, step: &str) -> Option<u64> {
+    let [from, to, step] = [from, to, step].map(|text| bond::internal::quantity(text).ok());
+    let (from, to, step) = (from?, to?, step?);
+    let n = (to.0 - from.0) / step.0 + 1.0;
+    let whole = n.round();
+    (n.is_finite() && (n - whole).abs() < 1e-6 && (2.0..=1e9).contains(&whole)).then_some(whole as u64)
+}
+
+/// What a range or a list in the form of another language was meant for.
+fn meant(path: &str, text: &str) -> Option<String> {
+    let inner = text.trim_matches(['[', ']', '(', ')', '{', '}']);
+    let parts: Vec<&str> = inner.split(':').map(str::trim).collect();
+    let range = "a range is FROM..TO:N, with the number of values";
+    match parts[..] {
+        [from, step, to] => {
+            let Some(n) = steps(from, to, step) else {
+                return Some(format!("{range}; for these three values, write `{path}={from},{step},{to}`"));
+            };
+            Some(format!(
+                "{range}: for steps of {step}, write `{path}={from}..{to}:{n}`; for three values, `{path}={from},{step},{to}`"
+            ))
+        }
+        [from, to] => {
+            let n = steps(from, to, "1").unwrap_or(50);
+            Some(format!("{range}: write `{path}={from}..{to}:{n}`"))
+        }
+        _ => {
+            if let Some((function, arguments)) = text.split_once('(')
+                && let "linspace" | "logspace" = function.trim()
+                && let [from, to, n] = arguments.trim_end_matches(')').split(',').map(str::trim).collect::<Vec<_>>()[..]
+            {
+                return Some(match function.trim() {
+                    "linspace" => format!("{range}: write `{path}={from}..{to}:{n}`"),
+                    _ => format!("{range}: write `{path}=1e{from}..1e{to}:{n}:log`"),
+                });
+            }
+            if inner.split([',', ';']).any(|x| x.trim().is_empty()) {
+                return None;
+            }
+            let list: Vec<&str> = inner.split([',', ';', ' ']).filter(|x| !x.is_empty()).collect();
+            let numbers = list.len() > 1 && list.iter().all(|x| bond::internal::quantity(x).is_ok());
+            numbers.then(|| format!("values have commas between them: write `{path}={}`", list.join(",")))
+        }
+    }
 }
 
 fn range(path: &str, from: &str, rest: &str) -> Result<(Values, Option<Dimension>), String> {
@@ -110,8 +158,11 @@ fn range(path: &str, from: &str, rest: &str) -> Result<(Values, Option<Dimension
         return Err(format!("`:{more}` is one too many"));
     }
     let count = count.trim();
-    let n: u64 =
-        count.parse().map_err(|_| format!("`{count}` is not a number of values; write a whole number, such as 50"))?;
+    let n: u64 = count.parse().map_err(|_| {
+        let by_steps = steps(from, to, count)
+            .map(|n| format!("; for steps of {count}, `{path}={}..{}:{n}`", from.trim(), to.trim()));
+        format!("`{count}` is not a number of values: write a whole number, such as 50{}", by_steps.unwrap_or_default())
+    })?;
     let ends = [bond::internal::quantity(from)?, bond::internal::quantity(to)?];
     let dimension = unit(&ends)?;
     let [from, to] = ends.map(|q| q.0);
@@ -182,6 +233,14 @@ mod tests {
             ("k=1..1e999:5", "finite"),
             ("k=1...2:3", "write k=1..2:3"),
             ("k=1 ...2:3", "k=1..0.2:3"),
+            ("k=1:0.5:3", "for steps of 0.5, write `k=1..3:5`"),
+            ("k=1:2:8", "write `k=1,2,8`"),
+            ("k=1:10", "write `k=1..10:10`"),
+            ("k=1 2 3", "write `k=1,2,3`"),
+            ("k=[1, 2, 3]", "write `k=1,2,3`"),
+            ("k=linspace(1, 2, 5)", "write `k=1..2:5`"),
+            ("k=logspace(1, 3, 5)", "write `k=1e1..1e3:5:log`"),
+            ("k=1..10:0.5", "for steps of 0.5, `k=1..10:19`"),
         ] {
             let why = parse(text).unwrap_err();
             assert!(why.contains(words), "{text}: {why}");

@@ -48,7 +48,7 @@ fn notes_are_made() {
         w1 -> a1 -> 1:u1 ->| x1  w1 -> b1 -> 1:v1 -> y1  w2 -> a2 -> 0:s ->| x2  u1 -> s  w2 -> b2 -> 0:z -> y2  v1 -> z }";
     let here = here.with("g.bond", arm).with("h.bond", arm.replace("->|", "->"));
     here.bond(&["check", "g.bond"]).is(0, &[], &["by a division by `cos(q2.q)`: where it is 0"]);
-    assert!(!here.bond(&["check", "h.bond"]).is(0, &[], &[]).err.contains("note"));
+    assert!(!here.bond(&["check", "h.bond"]).is(0, &[], &[]).err.contains("division"));
     let done = here.with("d.bond", OSCILLATOR).bond(&["check", "d.bond"]).is(0, &[], &["ok: d.bond"]);
     assert!(!done.err.contains("note"), "{}", done.err);
 }
@@ -185,4 +185,77 @@ fn a_file_of_functions_alone_is_fine() {
     here.bond(&["check", "f.bond", "--model", "M"]).is(2, &[], &["there is no model `M`"]);
     here.bond(&["check", "u.bond"]).is(1, &[], &["there is no model in this file"]);
     here.bond(&["run", "f.bond"]).is(1, &[], &["there is no model in this file"]);
+}
+
+/// What the structure says that the author may not know, by the names of his elements: derivative causality, a storage
+/// that a source alone moves, an algebraic loop. Each once, and a model without them has none.
+#[test]
+fn structure_is_noted() {
+    let geared = "model G { Se:u = 12 N*m  I:motor = 1 kg*m^2  TF:gear = 1/3  I:load = 2 kg*m^2
+        u -> 1:a -> motor, gear  gear -> 1:b -> load  probe w = b.f }";
+    let across = "use std.electrical
+        model A { VoltageSource:battery  Capacitor:c  Resistor:r  battery.out -> 0:n -> c.p, r.p  probe u = n.e }";
+    let driven = "model D { Sf:spin = 3 A  I:l1 = 1 H  I:l2 = 2 H  spin -> 1:v -> l1, l2  probe w = v.f }";
+    let divider = "model L { Se:u = 12 V  R:a = 1 Ohm  R:b = 2 Ohm  R:c = 2 Ohm  C:k = 1 F
+        u -> 1:i -> a, 0:n  n -> b  n -> 1:j -> c, k  probe w = k.e }";
+    let curved = divider.replace("R:b = 2 Ohm", "R:b { e = 1 Ohm*f + 1 V/A^3*f^3 }");
+    let here = Folder::new()
+        .with("g.bond", geared)
+        .with("a.bond", across)
+        .with("d.bond", driven)
+        .with("l.bond", divider)
+        .with("c.bond", curved);
+    let g = "note: `load` is in derivative causality: it follows `motor` rigidly, which is computed exactly";
+    let done = here.bond(&["check", "g.bond"]).is(0, &[], &["ok: g.bond", g]);
+    assert_eq!(done.err.matches("note").count(), 1, "{}", done.err);
+    // It is no news in each run.
+    assert!(!here.bond(&["run", "g.bond"]).is(0, &[], &[]).err.contains("derivative"));
+    let a = "note: `c.charge` is across the source `battery.voltage`, with nothing between: it has no state";
+    here.bond(&["check", "a.bond"]).is(0, &[], &[a, "real sources have an R between"]);
+    let d = "note: `l1` and `l2` have the flow of the source `spin`, with nothing between: they have no state";
+    let done = here.bond(&["check", "d.bond"]).is(0, &[], &[d]);
+    assert_eq!(done.err.matches("note").count(), 1, "{}", done.err);
+    let l = "note: `a`, `b` and `c` determine one another at each instant (an algebraic loop), which is solved exactly";
+    here.bond(&["check", "l.bond"]).is(0, &[], &[l]);
+    here.bond(&["check", "c.bond"]).is(0, &[], &["(an algebraic loop), which is solved by iteration"]);
+}
+
+/// A model that stands last is the scene: where another one may be meant, that is said, with a wrong scene too.
+#[test]
+fn the_other_scene_is_noted() {
+    let scene = "model Scene { Se:u = 4 V  Load:load  u -> load.p  probe i = load.p.f  simulate { stop = 2 s } }";
+    let load = "model Load(r = 2 Ohm) { port p  R:a = r  p -> a }";
+    let alone = "model Second { Se:w = 4 V  R:a = 2 Ohm  w -> a  probe i = a.f }";
+    let here = Folder::new()
+        .with("last.bond", format!("{scene}\n{load}"))
+        .with("wrong.bond", format!("{scene}\n{}", load.replace(" = 2 Ohm", "")))
+        .with("two.bond", format!("{load}\n{scene}\n{alone}"))
+        .with("right.bond", format!("{load}\n{scene}"));
+    let note =
+        "note: `Load` is the scene because it stands last in its file; `--model Scene` takes `Scene`, which uses it";
+    here.bond(&["check", "last.bond"]).is(0, &[], &[note]);
+    here.bond(&["run", "last.bond"]).is(0, &[], &[note]);
+    here.bond(&["check", "wrong.bond"]).is(1, &[], &["the parameter `r` has no value", note]);
+    here.bond(&["run", "wrong.bond"]).is(1, &[], &["the parameter `r` has no value", note]);
+    let note = "note: `Second` is the scene because it stands last in its file; `--model Scene` takes `Scene`";
+    here.bond(&["check", "two.bond"]).is(0, &[], &[note]);
+    for args in [&["check", "right.bond"][..], &["check", "last.bond", "--model", "Scene"]] {
+        assert!(!here.bond(args).is(0, &[], &[]).err.contains("note"));
+    }
+}
+
+/// A name of the model that is read as a unit, where nothing else shows which is meant.
+#[test]
+fn names_that_are_units_are_noted() {
+    let model = |probe: &str| {
+        format!(
+            "model M(m = 3 kg, l = 2 L) {{ Se:u = 1 N  I:i = m  u -> 1:v -> i  probe x = integral(v.f, -1 m)  probe y = {probe} }}"
+        )
+    };
+    let here =
+        Folder::new().with("a.bond", model("6 N*m")).with("b.bond", model("6 N * m")).with("c.bond", model("2 l"));
+    let a = "note: line 1: `m` in `6 N*m` is read as a unit; if the name is meant, write `6 N * m`";
+    here.bond(&["check", "a.bond"]).is(0, &[], &[a]);
+    assert!(!here.bond(&["check", "b.bond"]).is(0, &[], &[]).err.contains("note"));
+    here.bond(&["check", "c.bond"]).is(0, &[], &["note: line 1: `l` in `2 l` is read as a unit"]);
 }

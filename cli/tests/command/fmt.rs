@@ -31,6 +31,32 @@ fn wrong_files_are_left_alone() {
     here.bond(&["fmt", "."]).is(2, &[], &["directory"]);
 }
 
+/// A product behind a unit stays as it is written, and means the same.
+#[test]
+fn products_behind_units_stay() {
+    let model =
+        |e: &str| format!("model M(x = 2, m = 3) {{\n  Se:u = 1 V\n  R:r = 1 Ohm\n  u -> r\n  probe y = {e}\n}}\n");
+    for (text, laid_out) in [
+        ("6 V*x", "6 V*x"),
+        ("6 V*x^(1/2)*exp(-x)", "6 V*x^(1/2)*exp(-x)"),
+        ("6 V*x^2^x/x^-1", "6 V*x^2^x/x^-1"),
+        ("6 V/2 s*x", "6 V/2 s*x"),
+        ("6 V * m", "6 V * m"),
+        ("6 V*( m )", "6 V * (m)"),
+        ("6 V/(m*x)", "6 V / (m*x)"),
+        ("6 V*r.e", "6 V*r.e"),
+    ] {
+        let here = Folder::new().with("a.bond", model(text));
+        let value = |here: &Folder| here.bond(&["run", "a.bond"]).is(0, &[], &[]).out;
+        let last = |out: String| out.lines().last().unwrap_or_default().to_string();
+        let before = last(value(&here));
+        here.bond(&["fmt", "a.bond"]).is(0, &[], &[]);
+        assert_eq!(here.read("a.bond"), model(laid_out));
+        assert_eq!(last(value(&here)), before, "{text}");
+        here.bond(&["fmt", "--check", "a.bond"]).is(0, &[], &[]);
+    }
+}
+
 #[cfg(unix)]
 #[test]
 fn links_and_permissions_stay() {

@@ -292,7 +292,14 @@ impl<'a> Elaborator<'a> {
         if let Some((entity, span)) = self.instances[at].names.get(&key) {
             return Some((key, *entity, *span));
         }
-        if self.is_lost(at, &segment.name.text) || sought == Sought::Value && self.follows_unknown(segment, scope) {
+        if self.is_lost(at, &segment.name.text) {
+            return None;
+        }
+        if sought == Sought::Value
+            && segment.index.is_empty()
+            && let Some(said) = self.within_unit(&segment.name.text, segment.name.span)
+        {
+            self.errors.extend(said);
             return None;
         }
         let error = self.unknown(at, segment, &key, sought);
@@ -334,6 +341,9 @@ impl<'a> Elaborator<'a> {
             let ports = self.port_names(at);
             return match meant {
                 Some(meant) => error.help(meant),
+                None if ports.len() == 1 => {
+                    error.help(format!("its one port is `{}`: write `{}.{0}`", ports[0], self.instances[at].path))
+                }
                 None if !ports.is_empty() => error.help(format!("its ports are {}", ports.join(", "))),
                 None if !self.instances[at].outputs.is_empty() => {
                     error.help(format!("its outputs are {}", self.instances[at].outputs.join(", ")))
@@ -344,9 +354,6 @@ impl<'a> Elaborator<'a> {
             };
         }
         let value = sought == Sought::Value;
-        if value && let Some(error) = self.within_unit(segment) {
-            return error;
-        }
         let by_place = self.in_field_law(segment).or_else(|| match sought {
             Sought::Value => self.in_law(segment).or_else(|| self.as_unit(segment)),
             Sought::Element | Sought::Part => None,

@@ -15,8 +15,8 @@ pub struct Names<'n> {
     /// The parameters that the values in an equation's expression come from, with the places of these values, the
     /// outermost first; and whether it is but the name of one.
     pub given: &'n dyn Fn(&Equation) -> (Given, bool),
-    /// The text of an equation's expression.
-    pub text: &'n dyn Fn(&Equation) -> &'n str,
+    /// The text of a place.
+    pub text: &'n dyn Fn(Span) -> &'n str,
     /// The mend for a name in an equation's expression that is read as a unit there, so that the whole is off by this.
     pub misread: &'n dyn Fn(&Equation, Option<Dimension>) -> Option<String>,
 }
@@ -167,8 +167,9 @@ pub(super) fn joined(e: &Equation, system: &System, names: &Names<'_>) -> Option
         _ => (quotient(from.effort_unit(), to.flow_unit()), from.effort.div(to.flow)),
     };
     let joins = format!("`{name}` joins {} ({}) to {} ({})", from.name, from.units, to.name, to.units);
-    let (fits, text, found) = (unit(kind), (names.text)(e), system.known(&e.found.0)?);
-    let (other, article) = if kind == "TF" { ("GY", "an effort over an effort") } else { ("TF", "an effort over a flow") };
+    let (fits, text, found) = (unit(kind), (names.text)(e.found.1), system.known(&e.found.0)?);
+    let (other, article) =
+        if kind == "TF" { ("GY", "an effort over an effort") } else { ("TF", "an effort over a flow") };
     let wanted = match fits.1.is_one() {
         true => "a bare number".to_string(),
         false => format!("in {}", fits.0),
@@ -186,9 +187,15 @@ pub(super) fn joined(e: &Equation, system: &System, names: &Names<'_>) -> Option
 }
 
 /// One unit over another one, as it is written: `V/(N*m)`, `V*s`.
-fn quotient(above: &str, below: &str) -> String {
+fn quotient(above: &'static str, below: &'static str) -> String {
+    let longer = |long: &'static str, short: &str| long.strip_prefix(short)?.strip_prefix('*');
     match below.strip_suffix("/s") {
+        None if let Some(rest) = longer(above, below) => rest.to_string(),
+        None if let Some(rest) = longer(below, above) => format!("{rest}^-1"),
         Some("rad") => format!("{above}*s"),
+        Some(part) if let Some(rest) = above.strip_suffix(part).and_then(|rest| rest.strip_suffix('*')) => {
+            format!("{rest}*s")
+        }
         Some(part) => format!("{above}*s/{part}"),
         None if above == below => "1".to_string(),
         None if below.contains(['*', '/']) => format!("{above}/({below})"),

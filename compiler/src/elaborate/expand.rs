@@ -1,6 +1,6 @@
 //! First walk: makes the instances, expands `for` and `if`, declares every name, and notes the bonds.
 
-use super::suggest::nearest;
+use super::suggest::{foreign_kind, nearest};
 use super::{Decl, Elaborator, Entity, Let, Param, ParamState, PortDecl, ScopeId, told};
 use crate::element;
 use crate::model::{ElementId, Exchange, Hold, Kind, Sampling};
@@ -112,6 +112,11 @@ impl<'a> Elaborator<'a> {
                 error = match nearest(&name.text, known.iter().copied()) {
                     Some(n) => error.help(format!("did you mean `{n}`?")),
                     None if known.is_empty() => error.help("it has no parameters"),
+                    None if known.len() == 1 => error.help(format!(
+                        "its one parameter is `{0}`: write `{0} = {1}`",
+                        known[0],
+                        self.sources.slice(arg.value.span)
+                    )),
                     None if parameters == known.len() => error.help(format!("its parameters are {}", known.join(", "))),
                     None => error.help(format!("its parameters and inputs are {}", known.join(", "))),
                 };
@@ -171,14 +176,26 @@ impl<'a> Elaborator<'a> {
         }
         // A `let` is declared before what stands above it.
         let (first, second) = if span.start < known.1.start { (span, known.1) } else { (known.1, span) };
+        let was = known.0;
         *known = (Entity::Missing, first);
         let mut error = twice(&key, first, second);
         // A junction is declared once, and then named: `1:v -> a`, `v -> b`.
         let text = &self.sources.get(second.source).text;
         let before = text.get(..second.start as usize).unwrap_or_default();
-        if before.ends_with("1:") || before.ends_with("0:") {
+        let kind = before.strip_suffix(':').map(|text| &text[text.trim_end_matches(char::is_alphanumeric).len()..]);
+        let is_value = matches!(was, Entity::Param(_) | Entity::Let(_) | Entity::Input(_));
+        if let Some(kind) = kind.filter(|_| is_value) {
+            let other = self.instances[self.scopes[scope].instance].free(&match key.to_lowercase() {
+                lower if lower != key => lower,
+                lower => format!("{lower}1"),
+            });
             error = error.help(format!(
-                "if the same junction is meant, name it: `{key}` without `1:` or `0:`; else rename one of them"
+                "an element and a value cannot share a name: call the element `{kind}:{other}`, also in its bonds"
+            ));
+        } else if let Some(kind) = kind.filter(|kind| !kind.is_empty()) {
+            let what = if matches!(kind, "0" | "1") { "junction" } else { "element" };
+            error = error.help(format!(
+                "if the same {what} is meant, name it: `{key}` without `{kind}:`; else rename one of them"
             ));
         }
         self.errors.push(error);
@@ -200,12 +217,27 @@ impl<'a> Elaborator<'a> {
         let hidden = variables.iter().find(|v| variables.iter().filter(|w| w == v).count() > 1);
         let help = match hidden {
             Some(v) => format!("the inner `{v}` hides the outer one: give one of the two `for`s another variable"),
-            None => format!("index it: `{indexed}`"),
+            None => {
+                let each = format!("index it: `{indexed}`");
+                match self.kind_before(span) {
+                    Some(kind) => format!(
+                        "if all rounds share it, declare it once before the `for`, `{kind}:{name}`, and name it here, \
+                         `{name}`; for one in each round {each}"
+                    ),
+                    None => each,
+                }
+            }
         };
         self.errors.push(Diagnostic::error("elaborate::twice", span, message).help(help));
         // What names it by an index follows from that.
         let instance = self.scopes[scope].instance;
         self.instances[instance].lost.insert(name.to_string());
+    }
+
+    /// The junction whose kind stands before a name: `0` of `0:plus`.
+    fn kind_before(&self, name: Span) -> Option<char> {
+        let before = self.sources.get(name.source).text.get(..name.start as usize)?.strip_suffix(':')?;
+        before.chars().next_back().filter(|kind| matches!(kind, '0' | '1'))
     }
 
     /// Declares a name for an expression; its place among the `lets`, if the name was free.
@@ -278,7 +310,7 @@ impl<'a> Elaborator<'a> {
                     self.sampling = sampling;
                 }
                 StatementKind::For(f) => self.rounds_of(f, s.span, scope, sampling, chains),
-                StatementKind::If(c) => match self.truth(&c.condition, scope) {
+                StatementKind::If(c) => match self.choice(&c.condition, scope) {
                     Some(true) => self.block(&c.body, scope, sampling, true, chains),
                     Some(false) => self.block(c.otherwise.as_deref().unwrap_or(&[]), scope, sampling, true, chains),
                     None => {
@@ -663,6 +695,7 @@ impl<'a> Elaborator<'a> {
                     error.help(format!("the library has it: write `use std.{name}` at the head of the file"))
                 }
                 Some(n) => error.help(format!("did you mean `{n}:{}`?", e.name.text)),
+                None if let Some(fix) = foreign_kind(kind, &e.name.text) => error.help(fix),
                 None => error
                     .help("the kinds are Se, Sf, C, I, R, TF, GY, 0, 1, De, Df; a model of another file needs `use`"),
             };

@@ -65,6 +65,11 @@ impl<'a> Elaborator<'a> {
         });
     }
 
+    /// What is written at a place.
+    pub(crate) fn text(&self, at: Span) -> &'a str {
+        self.sources.slice(at)
+    }
+
     /// The words of an expression, for messages.
     pub(crate) fn words(&self, e: &ast::Expr) -> String {
         let text = self.sources.slice(e.span).split_whitespace().collect::<Vec<_>>().join(" ");
@@ -139,6 +144,20 @@ impl<'a> Elaborator<'a> {
     /// A condition that is known now.
     pub(super) fn truth(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<bool> {
         self.constant(e, scope, Dimension::DIMENSIONLESS, "a condition").map(|x| x != 0.0)
+    }
+
+    /// A condition by which parts are chosen.
+    pub(super) fn choice(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<bool> {
+        let before = self.errors.len();
+        let truth = self.truth(e, scope);
+        for error in self.errors.iter_mut().skip(before).filter(|d| d.code == "elaborate::constant") {
+            error.help = Some(
+                "`if` with braces chooses parts before the run, by parameters. A value that changes in the run is \
+                 chosen where it stands: `R:r = if t < 1 s then 2 Ohm else 3 Ohm`"
+                    .to_string(),
+            );
+        }
+        truth
     }
 
     /// An expression that may name signals.
@@ -612,7 +631,7 @@ impl<'a> Elaborator<'a> {
         let [rate_ast, start_ast] = args else {
             let help = match args {
                 [rate] => {
-                    format!("write `integral({}, 0 ...)`, with the unit of the integral", self.sources.slice(rate.span))
+                    format!("write `integral({}, 0)`, or another start with its unit", self.sources.slice(rate.span))
                 }
                 _ => "write `integral(v.f, 0 m)`".to_string(),
             };

@@ -140,11 +140,16 @@ impl<'a> Elaborator<'a> {
                     let alone = text.trim().chars().all(|c| c.is_alphanumeric() || c == '_');
                     (given.unwrap_or_default(), alone)
                 },
-                text: &|e| sources.slice(e.found.1),
+                text: &|span| sources.slice(span),
                 misread: &|e, off| {
                     let owner = e.owner.and_then(|id| elements.get(id.at()));
                     let instance = &instances[owner.map_or(0, |o| scopes[o.scope].instance)];
                     let known = |name: &str| {
+                        // The parameter of a curve.
+                        let fields = owner.and_then(|o| o.ast?.fields.as_ref()).map_or(&[][..], |f| &f.0);
+                        if name == "s" && ["e", "f"].iter().all(|law| fields.iter().any(|f| f.name() == *law)) {
+                            return true;
+                        }
                         let value = match instance.names.get(name).map(|n| n.0) {
                             Some(Entity::Param(p)) => match &params[p].state {
                                 super::ParamState::Done(value) => value.as_ref(),
@@ -405,6 +410,10 @@ impl<'a> Elaborator<'a> {
             let names: Vec<String> = self.params.iter().map(|p| p.name.clone()).collect();
             let mut error =
                 Diagnostic::error("elaborate::set", at, format!("--set {path}: there is no parameter `{path}`"));
+            if let Some(fix) = self.as_parameter(path) {
+                self.errors.push(error.help(fix));
+                continue;
+            }
             error = match super::nearest(path, names.iter().map(String::as_str)) {
                 Some(n) => error.help(format!("did you mean `{n}`?")),
                 None if names.is_empty() => error.help("the scene has no parameters"),
@@ -412,6 +421,18 @@ impl<'a> Elaborator<'a> {
             };
             self.errors.push(error);
         }
+    }
+
+    /// How the value of an element of the scene becomes a parameter.
+    fn as_parameter(&self, path: &str) -> Option<String> {
+        let Some((Entity::Element(id), _)) = self.instances[0].names.get(path) else { return None };
+        let ast = self.elements.get(id.at())?.ast?;
+        let value = self.sources.slice(ast.value.as_ref()?.span);
+        let (kind, name) = (&ast.kind.text, self.instances[0].free(&format!("{path}_value")));
+        Some(format!(
+            "`{path}` is an element, and --set sets parameters: write `{name} = {value}` in the head of the model and \
+             `{kind}:{path} = {name}`, and set `{name}`"
+        ))
     }
 
     /// A symbol for the argument of an element's law.

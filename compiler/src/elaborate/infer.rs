@@ -94,7 +94,8 @@ impl Inference {
                 error = error.label(span, format!("this asks for {needed}"));
             }
             let turned = name(&e.found.0.mul(&e.needed.0)).is_some_and(|u| u == "1");
-            let other = reciprocal(&e.about).filter(|_| turned && name(&e.found.0).is_some_and(|u| u != "1"));
+            let other = reciprocal(&e.about, (names.text)(e.found.1).trim())
+                .filter(|_| turned && name(&e.found.0).is_some_and(|u| u != "1"));
             let bare = name(&e.found.0).is_some_and(|u| u == "1");
             // Where the unit is known apart from those of the bonds, they have no part in it.
             let bonded = !matches!(&e.needed.0, Unit::Form(_, terms) if terms.is_empty());
@@ -104,13 +105,22 @@ impl Inference {
                     && (o.about.starts_with("the effort of") || o.about.starts_with("the flow of"))
                     && name(&o.found.0).is_some_and(|u| u == "1")
             });
-            let text = (names.text)(e).trim();
+            // Where a value was given, that is what has to change.
+            let place = error.labels.first().map_or(e.found.1, |l| l.span);
+            let text = (names.text)(place).trim();
             let number = Some(text).filter(|text| bare && text.parse::<f64>().is_ok());
             let joined = domain::joined(e, &system, names);
             let entropy = domain::entropy(&self.equations, e, &system, names);
             let help = match name(&e.found.0.div(&e.needed.0)) {
                 _ if entropy.is_some() => entropy.unwrap_or_default(),
                 _ if other.is_some() && joined.is_none() => format!("{}; or give {value}", other.unwrap_or_default()),
+                Some(off) if off == "s" && e.about.starts_with("the argument of `") => "time is in seconds: give the \
+                    frequency its unit, as in `sin(2*pi*50 Hz*t)`, or divide by a time, as in `exp(-t/(2 s))`"
+                    .to_string(),
+                Some(_) if bare && first_factor(text).is_some() => {
+                    let (number, rest) = first_factor(text).unwrap_or_default();
+                    format!("give its number a unit: write `{number} {needed}{rest}`")
+                }
                 _ if source.is_some() => {
                     let what = source.map(|o| o.about.as_str()).unwrap_or_default();
                     format!(
@@ -123,7 +133,9 @@ impl Inference {
                     "the ratio of a TF is an effort over an effort, that of a GY an effort over a flow, as a motor's constant is: \
                      take the other, or give {value}"
                 ),
-                Some(_) if number.is_some() => format!("give it a unit: write `{} {needed}`", number.unwrap_or_default()),
+                Some(_) if number.is_some() => {
+                    format!("give it a unit: write `{} {needed}`", number.unwrap_or_default())
+                }
                 Some(off) => {
                     format!("the unit is off by a factor of {off}: give {value}, or correct the expression")
                 }
@@ -267,19 +279,36 @@ struct Belief {
     broken: bool,
 }
 
+/// The number that a product begins with, and the rest from its operator on.
+fn first_factor(text: &str) -> Option<(&str, &str)> {
+    let end = text.find(|c: char| !c.is_ascii_digit() && c != '.')?;
+    let (number, rest) = text.split_at(end);
+    let mut depth = 0;
+    let is_sum = |c: char| {
+        depth += i32::from(c == '(') - i32::from(c == ')');
+        depth == 0 && matches!(c, '+' | '-' | '<' | '>' | '=')
+    };
+    (rest.starts_with('*') && number.parse::<f64>().is_ok() && !rest.contains(is_sum)).then_some((number, rest))
+}
+
 /// What may have been meant where a value's unit is one over what it should be.
-fn reciprocal(about: &str) -> Option<&'static str> {
+fn reciprocal(about: &str, text: &str) -> Option<String> {
     let list = [
-        ("the compliance of", "if the stiffness is meant, write `{ stiffness = ... }`"),
-        ("the stiffness of", "if the compliance is meant, write `= ...`, or `{ compliance = ... }`"),
-        ("the resistance of", "if the conductance is meant, write `{ conductance = ... }`"),
-        ("the conductance of", "if the resistance is meant, write `= ...`, or `{ resistance = ... }`"),
-        ("the ratio of", "e_in = ratio e_out: if it runs the other way, write `1/...`, or turn the half arrows"),
+        ("the compliance of", "if the stiffness is meant, write `C:NAME { stiffness = TEXT }`"),
+        ("the stiffness of", "if the compliance is meant, write `C:NAME = TEXT`"),
+        ("the resistance of", "if the conductance is meant, write `R:NAME { conductance = TEXT }`"),
+        ("the conductance of", "if the resistance is meant, write `R:NAME = TEXT`"),
+        ("the ratio of", "e_in = ratio e_out: if it runs the other way, write `1/(TEXT)`, or turn the half arrows"),
     ];
+    let path = about.split('`').nth(1).unwrap_or_default();
+    let name = path.rsplit('.').next().unwrap_or(path);
     // A state has a rate, too: "the rate of `z`".
     match about {
-        "the rate" => Some("if the period is meant, write `sampled every ...`"),
-        "the period" => Some("if the rate is meant, write `sampled at ...`"),
-        _ => list.into_iter().find(|(what, _)| about.starts_with(what)).map(|(_, fix)| fix),
+        "the rate" => Some(format!("if the period is meant, write `sampled every {text}`")),
+        "the period" => Some(format!("if the rate is meant, write `sampled at {text}`")),
+        _ => {
+            let fix = list.into_iter().find(|(what, _)| about.starts_with(what)).map(|(_, fix)| fix)?;
+            Some(fix.replace("NAME", name).replace("TEXT", text))
+        }
     }
 }

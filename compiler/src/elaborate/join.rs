@@ -169,7 +169,13 @@ impl Elaborator<'_> {
                     )
                     .label(self.raw_bonds[first.0].span, "is the first bond")
                     .label(span, "is the port")
-                    .help("a port takes one bond on each side; put a junction there to join several"),
+                    .help(match self.raw_bonds[first.0].span == self.raw_bonds[second.0].span {
+                        true => {
+                            "the arrow behind a list bonds each of its ends: end the chain with the list, and go on from \
+                             the one that is meant in a chain of its own"
+                        }
+                        false => "a port takes one bond on each side; put a junction there to join several",
+                    }),
                 );
                 return false;
             }
@@ -179,25 +185,15 @@ impl Elaborator<'_> {
                 // The port is the tail of one and the head of the other, if the half arrows run the same way.
                 if inside.1 == outside.1 {
                     let how = if inside.1 { "both point away from it" } else { "both point at it" };
-                    let bond = &self.raw_bonds[outside.0];
-                    let instance = &self.instances[self.instances[port.instance].outer];
-                    let seen = |end: RawEnd| within(self.end_name(end), &instance.path);
-                    let (own, other, node) = (seen(bond.tail), seen(bond.head), instance.free("n"));
-                    let junction = match inside.1 {
-                        true => format!("`0:{node} -> {own}, {other}`"),
-                        false => format!("`{own}, {other} -> 0:{node}`"),
-                    };
                     self.errors.push(
                         Diagnostic::error(
                             "elaborate::head_on",
-                            bond.span,
+                            self.raw_bonds[outside.0].span,
                             format!("the half arrows on the two sides of the port `{name}` meet head on: {how}"),
                         )
                         .label(self.raw_bonds[inside.0].span, "is the bond inside")
                         .label(span, "is the port")
-                        .help(format!(
-                            "turn one of the two around, so that power runs through the port in one direction, or join both at a junction, {junction}"
-                        )),
+                        .help(self.turned_round(p, outside.0, inside.1)),
                     );
                     return false;
                 }
@@ -221,6 +217,44 @@ impl Elaborator<'_> {
                 false
             }
             _ => false,
+        }
+    }
+
+    /// The mends of a port on whose two sides the half arrows meet: the bond outside turned round or, where the part
+    /// itself is to stand the other way round, a junction of the other kind than the one that it is bonded to.
+    fn turned_round(&self, p: usize, outside: usize, takes: bool) -> String {
+        let (port, bond) = (&self.ports[p], &self.raw_bonds[outside]);
+        let instance = &self.instances[self.instances[port.instance].outer];
+        let far = if takes { bond.head } else { bond.tail };
+        let (own, other) = (within(&port.name, &instance.path), within(self.end_name(far), &instance.path));
+        let junction = |kind: u8| {
+            let node = instance.free("n");
+            match takes {
+                true => format!("`{kind}:{node} -> {own}, {other}`"),
+                false => format!("`{own}, {other} -> {kind}:{node}`"),
+            }
+        };
+        let turned = match takes {
+            true => format!("the part takes power at its port: write `{other} -> {own}`"),
+            false => format!("the part gives power at its port: write `{own} -> {other}`"),
+        };
+        let round = "to have the part itself the other way round, with the sign of its";
+        match far {
+            RawEnd::Element(id) => match self.elements[id.at()].kind {
+                Kind::ZERO => format!("{turned}; {round} effort changed, {}", junction(1)),
+                Kind::ONE => format!("{turned}; {round} flow changed, {}", junction(0)),
+                _ => turned,
+            },
+            // The far port would meet head on instead.
+            RawEnd::Port(q, _) if self.ports[q].inside.first().is_some_and(|inside| inside.1 == takes) => {
+                let what = if takes { "take" } else { "give" };
+                format!(
+                    "both parts {what} power there, so they meet at a junction: with one effort, {}, or with one flow, {}",
+                    junction(0),
+                    junction(1)
+                )
+            }
+            RawEnd::Port(..) => turned,
         }
     }
 
@@ -277,7 +311,7 @@ impl Elaborator<'_> {
                         span,
                         format!("`{name}` needs one bond in and one bond out; it has {into} in and {out} out"),
                     ))
-                    .help(format!("bond it as in `a -> {name} -> b`"))
+                    .help(self.through(id, into, out))
                 })
             }
             (Kind::OnePort(_), 1) => None,
@@ -294,6 +328,23 @@ impl Elaborator<'_> {
             ),
         };
         self.errors.extend(error);
+    }
+
+    /// The fix for a two-port without one bond in and one out.
+    fn through(&self, id: ElementId, into: usize, out: usize) -> String {
+        let decl = &self.elements[id.at()];
+        let path = &self.instances[self.scopes[decl.scope].instance].path;
+        let name = within(&decl.name, path);
+        let last = self.bonds_of[id.at()].last().map(|b| &self.bonds[b.at()]);
+        let far = last.map(|b| if b.head == id { b.tail } else { b.head });
+        let far = far.and_then(|end| self.elements.get(end.at())).map_or("b", |e| within(&e.name, path));
+        match (into, out) {
+            (2, 0) => format!("power runs in at one side and out at the other: turn a half arrow, `{name} -> {far}`"),
+            (0, 2) => format!("power runs in at one side and out at the other: turn a half arrow, `{far} -> {name}`"),
+            (0, 1) => format!("lead a bond to it, as in `a -> {name} -> {far}`"),
+            (1, 0) => format!("lead a bond away from it, as in `{far} -> {name} -> b`"),
+            _ => format!("bond it as in `a -> {name} -> b`"),
+        }
     }
 
     /// The fix for what has several bonds and takes one: what they lead to, joined with it at a junction of either

@@ -2,7 +2,7 @@
 
 use super::library::LIBRARY;
 use super::suggest::nearest;
-use bond_grammar::ast::{File, Item, Name, UseTarget};
+use bond_grammar::ast::{self, File, Item, Name, StatementKind, UseTarget};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources, Span};
 use rustc_hash::FxHashMap;
@@ -72,6 +72,44 @@ impl Files {
         error.help("rename one of them, or use one of the files only; what this file declares itself would come first")
     }
 
+    /// The last model of the file asked for, which is its scene, and others that may be meant as one: they have no
+    /// port, and outputs, settings or expectations or else, which is said, an instance of the last one. What that is
+    /// made of is none.
+    pub fn other_scenes(&self) -> (Option<&str>, Vec<(&str, bool)>) {
+        let models: Vec<&ast::Model> =
+            self.list.first().into_iter().flat_map(|file| &file.items).filter_map(model).collect();
+        let Some((last, others)) = models.split_last() else { return (None, Vec::new()) };
+        let named = |name: &str| models.iter().find(|m| m.name.text == name).copied();
+        // What a model is made of, in this file.
+        let parts = |of: &ast::Model| -> Vec<String> {
+            let (mut open, mut found) = (vec![of.name.text.clone()], Vec::new());
+            while let Some(name) = open.pop() {
+                let Some(m) = named(&name) else { continue };
+                ast::each_statement(&m.body, &mut |s| {
+                    let StatementKind::Element(e) = &s.kind else { return };
+                    if named(&e.kind.text).is_some() && !found.contains(&e.kind.text) {
+                        found.push(e.kind.text.clone());
+                        open.push(e.kind.text.clone());
+                    }
+                });
+            }
+            found
+        };
+        let own = parts(last);
+        let scenes = others.iter().filter(|m| m.name.text != last.name.text && !own.contains(&m.name.text));
+        let scenes = scenes.filter_map(|m| {
+            let (mut port, mut scene) = (false, false);
+            ast::each_statement(&m.body, &mut |s| {
+                port |= matches!(s.kind, StatementKind::Port(..));
+                scene |=
+                    matches!(s.kind, StatementKind::Probe(..) | StatementKind::Simulate(_) | StatementKind::Expect(_));
+            });
+            let uses = parts(m).contains(&last.name.text);
+            (!port && (scene || uses)).then_some((m.name.text.as_str(), uses))
+        });
+        (Some(&last.name.text), scenes.collect())
+    }
+
     /// The functions of a file, with their places.
     pub fn functions_of(&self, file: usize) -> impl Iterator<Item = (usize, &bond_grammar::ast::Function)> {
         let items = self.list.get(file).map(|f| f.items.as_slice()).unwrap_or(&[]);
@@ -79,6 +117,14 @@ impl Files {
             Item::Function(f) => Some((i, f)),
             Item::Use(_) | Item::Model(_) => None,
         })
+    }
+}
+
+/// The model that an item is.
+fn model(item: &Item) -> Option<&ast::Model> {
+    match item {
+        Item::Model(m) => Some(m),
+        Item::Use(_) | Item::Function(_) => None,
     }
 }
 
@@ -102,7 +148,7 @@ pub fn load(sources: &mut Sources, main: SourceId, loader: &mut dyn Loader, erro
 
 impl Loading<'_> {
     fn file(&mut self, id: SourceId, name: String) -> usize {
-        let (file, mut wrong) = bond_grammar::parse_with_units(self.sources, id, &|symbol| crate::units::lookup(symbol).is_some());
+        let (file, mut wrong) = bond_grammar::parse_with_units(self.sources, id, &crate::units::is_unit);
         self.errors.append(&mut wrong);
         let at = self.files.list.len();
         self.known.insert(name.clone(), at);

@@ -88,30 +88,79 @@ impl<'a> Elaborator<'a> {
                 self.bond_signal(bond, &name, rest, span)
             }
             _ => {
-                let has = match kind {
-                    Kind::OnePort(OnePort::Storage(_)) if decl.field.is_some() => {
-                        "the state under its own name, and .e .f .P"
-                    }
-                    Kind::OnePort(OnePort::Storage(Variable::Effort)) => ".e .f .P .q .H",
-                    Kind::OnePort(OnePort::Storage(Variable::Flow)) => ".e .f .P .p .H",
-                    Kind::OnePort(_) => ".e .f .P",
-                    Kind::Junction(Variable::Effort) => ".e, its common effort; the flows are those of its bonds",
-                    Kind::Junction(Variable::Flow) => ".f, its common flow; the efforts are those of its bonds",
-                    Kind::TwoPort(_) => ".in.e .in.f .in.P .out.e .out.f .out.P",
-                };
-                let asked = if words.is_empty() {
+                if words.is_empty()
+                    && let Some(said) = self.within_unit(self.sources.slice(span), span)
+                {
+                    self.errors.extend(said);
+                    return None;
+                }
+                let has = self.described(id, kind);
+                let itself = words.is_empty() && self.owner == Some(id);
+                let asked = if itself {
+                    format!("the value of `{name}` names `{name}` itself")
+                } else if words.is_empty() {
                     format!("`{name}` is an element, not a signal")
                 } else {
                     format!("`{name}` has no signal `.{}`", words.join("."))
                 };
                 let decl = self.elements[id.at()].span;
                 self.errors.push(
-                    Diagnostic::error("elaborate::signal", span, asked)
-                        .label(decl, "is declared here")
-                        .help(format!("it has {has}")),
+                    Diagnostic::error("elaborate::signal", span, asked).label(decl, "is declared here").help(
+                        match itself {
+                            true => {
+                                "write its number with a unit; or declare a parameter by another name, and give it that"
+                                    .to_string()
+                            }
+                            // Of what moves, how far.
+                            false
+                                if matches!(
+                                    words[..],
+                                    ["x" | "pos" | "position" | "angle" | "phi" | "theta" | "q"]
+                                ) && kind.integral() != Some(Variable::Effort)
+                                    && matches!(kind, Kind::OnePort(_) | Kind::ONE) =>
+                            {
+                                format!("how far it moves is `integral({name}.f, 0)`; it has {has}")
+                            }
+                            false => format!("it has {has}"),
+                        },
+                    ),
                 );
                 None
             }
+        }
+    }
+
+    /// What signals an element has, and what they are.
+    fn described(&self, id: ElementId, kind: Kind) -> String {
+        const PAIR: &str = ".e (its effort: force, torque, voltage, pressure), .f (its flow: speed, current, volume flow), \
+            .P (power into it)";
+        // The elements that hang on it by one bond.
+        let of_bonds = |letter: char| {
+            let bonds = self.bonds_of.get(id.at()).map_or(&[][..], Vec::as_slice);
+            let ends = bonds.iter().map(|b| &self.bonds[b.at()]).map(|b| if b.head == id { b.tail } else { b.head });
+            let names =
+                ends.filter_map(|end| self.elements.get(end.at())).filter(|e| matches!(e.kind, Kind::OnePort(_)));
+            let names: Vec<String> = names.take(3).map(|e| format!("`{}.{letter}`", e.name)).collect();
+            if names.is_empty() { String::new() } else { format!(", such as {}", names.join(", ")) }
+        };
+        match kind {
+            Kind::OnePort(OnePort::Storage(_)) if self.elements[id.at()].field.is_some() => {
+                "the state under its own name, and .e .f .P".to_string()
+            }
+            Kind::OnePort(OnePort::Storage(Variable::Effort)) => {
+                format!("{PAIR}, .q (its state: displacement, charge, volume) and .H (energy)")
+            }
+            Kind::OnePort(OnePort::Storage(Variable::Flow)) => {
+                format!("{PAIR}, .p (its state: momentum, flux) and .H (energy)")
+            }
+            Kind::OnePort(_) => PAIR.to_string(),
+            Kind::Junction(Variable::Effort) => {
+                format!(".e, its common effort; the flows are those of its bonds{}", of_bonds('f'))
+            }
+            Kind::Junction(Variable::Flow) => {
+                format!(".f, its common flow; the efforts are those of its bonds{}", of_bonds('e'))
+            }
+            Kind::TwoPort(_) => ".in.e .in.f .in.P .out.e .out.f .out.P".to_string(),
         }
     }
 

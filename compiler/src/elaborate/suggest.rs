@@ -97,6 +97,36 @@ pub fn foreign(f: &str, args: &[(String, String)]) -> Option<String> {
     }
 }
 
+/// The element for a kind as other notations write it.
+pub fn foreign_kind(kind: &str, name: &str) -> Option<String> {
+    let (what, ours) = match kind {
+        "L" | "Ind" | "Inductor" | "Inductance" => ("an inductor", "I"),
+        "M" | "Mass" | "m" | "Inertance" => ("a mass", "I"),
+        "J" => ("a rotor", "I"),
+        "K" | "k" | "Spring" | "Stiffness" => ("a spring", "C"),
+        "Cap" | "Capacitance" => ("a capacitor", "C"),
+        "B" | "b" | "Damper" | "D" | "Res" | "Friction" => ("a resistor or damper", "R"),
+        "G" => ("a conductor", "R"),
+        "V" | "E" | "U" | "F" | "SourceE" | "Source" => ("a source of effort, as of a voltage or a force,", "Se"),
+        "J0" | "P" | "p" | "Zero" | "ZeroJunction" | "Parallel" | "Node" => ("a junction of one effort", "0"),
+        "J1" | "S" | "s" | "One" | "OneJunction" | "Serial" | "Series" => ("a junction of one flow", "1"),
+        "T" | "Transformer" | "Gear" | "Lever" => ("a transformer", "TF"),
+        "Gyrator" => ("a gyrator", "GY"),
+        "Diode" => {
+            return Some(
+                "write its law, as in `R:d { f = 1e-12 A*(exp(e/(25 mV)) - 1) }`, or `use std.electrical`".into(),
+            );
+        }
+        _ => return None,
+    };
+    let field = match kind {
+        "K" | "k" | "Stiffness" => format!("`C:{name} {{ stiffness = ... }}`"),
+        "G" => format!("`R:{name} {{ conductance = ... }}`"),
+        _ => format!("`{ours}:{name}`"),
+    };
+    Some(format!("{what} is written {field}"))
+}
+
 /// How what other languages have a constant or variable for is written.
 pub fn foreign_value(name: &str) -> Option<&'static str> {
     Some(match name {

@@ -66,7 +66,7 @@ impl Elaborator<'_> {
     /// The fix for a unit that stands apart from its number: `6*V`.
     pub(super) fn as_unit(&self, segment: &Segment) -> Option<String> {
         let (name, span) = (&segment.name.text, segment.name.span);
-        if !segment.index.is_empty() || units::lookup(name).is_none() {
+        if !segment.index.is_empty() || !units::is_unit(name) {
             return None;
         }
         let before = self.sources.get(span.source).text.get(..span.start as usize)?.trim_end();
@@ -74,40 +74,39 @@ impl Elaborator<'_> {
         Some(format!("if the unit is meant, write it behind its number: `{number} {name}`"))
     }
 
-    /// What is said of a name that is declared nowhere and that touches the unit of a number, where it may have been
-    /// meant as a part of it: `sec` in `3 N*sec`.
-    pub(super) fn within_unit(&self, segment: &Segment) -> Option<Diagnostic> {
-        let (name, span) = (segment.name.text.as_str(), segment.name.span);
-        if !segment.index.is_empty() {
-            return None;
-        }
-        let quantity = quantity_before(self.sources.get(span.source).text.get(..span.start as usize)?)?;
+    /// What is said of a name that is no value here and that touches the unit of a number, where it may have been meant
+    /// as a part of it: `sec` in `3 N*sec`, `s` in `3 kg*x/s`. Nothing, inside, where that is said of a factor before.
+    pub(super) fn within_unit(&self, name: &str, span: Span) -> Option<Option<Diagnostic>> {
+        let text = &self.sources.get(span.source).text;
+        let quantity = quantity_before(text.get(..span.start as usize)?)?;
         let error = |message: String| Diagnostic::error("units::unknown", span, message);
-        if units::lookup(name).is_some() {
-            let (units, rest, first) = split_at_name(quantity)?;
-            let sign = if self.sources.get(span.source).text[..span.start as usize].ends_with('/') { '/' } else { '*' };
-            let message = format!("`{name}` behind `{first}`, which is no unit, is read as a name, and there is none");
-            return Some(error(message).help(format!("write the units first: `{units}{sign}{name}{rest}`")));
+        if units::is_unit(name) {
+            let scope = self.owner.and_then(|id| self.elements.get(id.at())).map_or(0, |owner| owner.scope);
+            let is_value = |name: &str| matches!(name, "t" | "pi") || self.value_named(name, scope).is_some();
+            let (first, behind) = split_at_name(quantity)?;
+            let told = |symbol: &str| units::is_unit(symbol) && !is_value(symbol);
+            if !is_value(first) || symbols(behind).any(told) {
+                return Some(None);
+            }
+            let rest = &text[span.end as usize..];
+            let chain = format!("{quantity}{}", &text[span.start as usize - 1..span.end as usize + of_chain(rest)]);
+            let message =
+                format!("`{name}` behind `{first}`, which is no unit, is read as a name, and there is no such value");
+            return Some(Some(error(message).help(match units_first(&chain) {
+                Some(fix) => format!("write the units first: `{fix}`"),
+                None => "write the units first, then the names".to_string(),
+            })));
         }
         let neither = error(format!("`{name}` is neither a unit nor a name here"));
         if units::is_celsius(name) {
-            return Some(neither.help(celsius(None, &[])));
+            return Some(Some(neither.help(celsius(None, &[]))));
         }
         let unit = units::suggest(name)?;
-        Some(neither.help(format!("did you mean the unit `{unit}`?")))
+        Some(Some(neither.help(format!("did you mean the unit `{unit}`?"))))
     }
 
-    /// Whether a unit stands behind a factor that is neither a unit nor a name, which is said of that: `m` in `3 N*sec/m`.
-    pub(super) fn follows_unknown(&self, segment: &Segment, scope: ScopeId) -> bool {
-        let (name, span) = (segment.name.text.as_str(), segment.name.span);
-        let before = self.sources.get(span.source).text.get(..span.start as usize);
-        let first = before.and_then(quantity_before).and_then(split_at_name).map(|parts| parts.2);
-        let is_known = |name: &str| matches!(name, "t" | "pi") || self.value_named(name, scope).is_some();
-        units::lookup(name).is_some() && first.is_some_and(|first| !is_known(first))
-    }
-
-    /// Notes that a name of the model is read as a unit behind a number, where nothing else shows how it is meant: in an
-    /// output, whose unit nothing checks, or where the name's own value has the unit's dimension.
+    /// Notes that a name of the model is read as a unit behind a number, where nothing else shows how it is meant: in
+    /// an output, whose unit nothing checks, or where the name's own value has the unit's dimension.
     pub(super) fn note_names_as_units(&mut self, unit: &ast::Unit, span: Span, scope: ScopeId) {
         let first = unit.factors.first().map(|f| f.2);
         let is_meant = |name: &str| {
@@ -185,15 +184,43 @@ fn quantity_before(text: &str) -> Option<&str> {
     (!unit.is_empty()).then(|| &head[start - 1 - number.len()..])
 }
 
-/// A quantity before and behind its first factor that is no unit, with the operator, and that factor.
-fn split_at_name(quantity: &str) -> Option<(&str, &str, &str)> {
-    let signs = quantity.match_indices(['*', '/', '(']);
-    signs.into_iter().find_map(|(at, _)| {
+/// The first factor of a quantity that is no unit, and what stands behind it.
+fn split_at_name(quantity: &str) -> Option<(&str, &str)> {
+    let mut signs = quantity.match_indices(['*', '/', '(']);
+    signs.find_map(|(at, _)| {
         let rest = &quantity[at + 1..];
-        let symbol = &rest[..rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len())];
-        let is_name = !symbol.is_empty() && units::lookup(symbol).is_none();
-        is_name.then(|| (&quantity[..at], &quantity[at..], symbol))
+        let symbol = symbols(rest).next()?;
+        let is_name = rest.starts_with(symbol) && !units::is_unit(symbol);
+        is_name.then(|| (symbol, &rest[symbol.len()..]))
     })
+}
+
+/// The names in a text.
+fn symbols(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|c: char| !c.is_alphanumeric() && c != '_').filter(|s| s.starts_with(|c: char| c.is_alphabetic()))
+}
+
+/// How far a text goes on with powers and further factors of a product.
+fn of_chain(text: &str) -> usize {
+    text.find(|c: char| !c.is_alphanumeric() && !"_^*/-".contains(c)).unwrap_or(text.len())
+}
+
+/// A product of factors without brackets with those that are units in front: `6 kg*m/s^2*x` for `6 kg*x*m/s^2`.
+fn units_first(chain: &str) -> Option<String> {
+    if chain.contains('(') {
+        return None;
+    }
+    let start = chain.find(['*', '/'])?;
+    let (head, mut rest) = chain.split_at(start);
+    let (mut ahead, mut behind) = (String::new(), String::new());
+    while !rest.is_empty() {
+        let end = rest[1..].find(['*', '/']).map_or(rest.len(), |at| at + 1);
+        let symbol = symbols(&rest[1..end]).next()?;
+        let side = if units::is_unit(symbol) { &mut ahead } else { &mut behind };
+        side.push_str(&rest[..end]);
+        rest = &rest[end..];
+    }
+    Some(format!("{head}{ahead}{behind}"))
 }
 
 /// Whether one span lies in the other.
@@ -215,7 +242,8 @@ fn last_number(text: &str) -> Option<&str> {
     number.parse::<f64>().ok().filter(|_| number.starts_with(|c: char| c.is_ascii_digit() || c == '.')).map(|_| number)
 }
 
-/// The fix for the first name that stands as a unit behind a number: `m` in `p^2/2 m`, where `m` is a parameter.
+/// The fix for the first name that stands as a unit behind a number: `m` in `p^2/2 m`, where `m` is a parameter. Of
+/// several such factors of one unit, one that multiplies is rather a name than one that divides.
 pub(super) fn misread(text: &str, known: &dyn Fn(&str) -> bool) -> Option<String> {
     let is_name = |c: char| c.is_alphanumeric() || c == '_';
     let span = |text: &str, fits: &dyn Fn(char) -> bool| text.find(|c| !fits(c)).unwrap_or(text.len());
@@ -232,20 +260,23 @@ pub(super) fn misread(text: &str, known: &dyn Fn(&str) -> bool) -> Option<String
         let quantity = &rest[at..rest.len() - spaced.len() + unit.len()];
         let below = rest[..at].trim_end().ends_with('/');
         rest = behind;
-        let mut start = 0;
+        let (mut start, mut found) = (0, Vec::new());
         for symbol in unit.split(['*', '/', '^']).take_while(|_| unit.starts_with(is_name)) {
-            if known(symbol) && units::lookup(symbol).is_some() {
-                let (head, rest) = unit.split_at(start);
-                let fix = match head.chars().last() {
-                    None if below => format!("({number}*{rest})"),
-                    None => format!("{number}*{rest}"),
-                    Some(sign) => format!("{number} {} {sign} {rest}", head.trim_end_matches(sign)),
-                };
-                let read = format!("`{symbol}` in `{quantity}` is read as a unit");
-                return Some(format!("{read}; if the name is meant, write `{fix}`"));
+            if known(symbol) && units::is_unit(symbol) {
+                found.push((unit[..start].chars().last(), start, symbol));
             }
             start += symbol.len() + 1;
         }
+        let first = found.iter().find(|f| f.0 != Some('/')).or(found.first());
+        let Some(&(sign, start, symbol)) = first else { continue };
+        let (head, rest) = unit.split_at(start);
+        let fix = match sign {
+            None if below => format!("({number}*{rest})"),
+            None => format!("{number}*{rest}"),
+            Some(sign) => format!("{number} {} {sign} {rest}", head.trim_end_matches(sign)),
+        };
+        let read = format!("`{symbol}` in `{quantity}` is read as a unit");
+        return Some(format!("{read}; if the name is meant, write `{fix}`"));
     }
     None
 }

@@ -80,8 +80,14 @@ impl<'a> Elaborator<'a> {
                 told(at),
                 told(value)
             );
+            // `f^2` pushes the same way in both directions.
+            let square = format!("{other}^2");
+            let even = match self.text(ast.span).contains(&square) {
+                true => format!("against motion in both directions, `{square}` is written `{other}*abs({other})`; "),
+                false => String::new(),
+            };
             self.errors.push(Diagnostic::error("elaborate::law", place, message).help(format!(
-                "a resistor's law must satisfy e f >= 0; one that gives power must say so: `active R:{}`",
+                "{even}a resistor's law must satisfy e f >= 0; one that gives power must say so: `active R:{}`",
                 ast.name.text
             )));
             return None;

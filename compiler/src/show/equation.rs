@@ -5,8 +5,6 @@ use super::size::SIZES;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::model::Model;
 use crate::structure::{ColumnId, Form, Output, Region};
-use petgraph::Graph;
-use petgraph::graph::NodeIndex;
 use rustc_hash::FxHashMap;
 
 /// An output that no formula was found for.
@@ -82,33 +80,11 @@ fn resistors(
     names: &[String],
     known: &mut FxHashMap<Symbol, Expr>,
 ) -> (Vec<Unknown>, Vec<(Vec<ColumnId>, bool)>) {
-    let place: FxHashMap<Symbol, usize> = region
-        .resistors
-        .iter()
-        .enumerate()
-        .flat_map(|(i, (c, how))| {
-            let out = form.column(*c).out;
-            [(out, i), (how.unknown(out), i)]
-        })
-        .collect();
-    let mut needs: Graph<(), ()> = Graph::with_capacity(region.resistors.len(), 0);
-    for _ in &region.resistors {
-        needs.add_node(());
-    }
     let law = |i: usize| match region.resistors[i].1 {
         Output::Explicit(e) | Output::Implicit { residual: e, .. } | Output::Curve { residual: e, .. } => e,
     };
-    for (i, (_, how)) in region.resistors.iter().enumerate() {
-        for s in how.expressions().flat_map(|e| pool.symbols(e)) {
-            if let Some(&j) = place.get(&s) {
-                needs.add_edge(NodeIndex::new(i), NodeIndex::new(j), ());
-            }
-        }
-    }
     let (mut unknowns, mut loops) = (Vec::new(), Vec::new());
-    for component in petgraph::algo::kosaraju_scc(&needs) {
-        let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
-        members.sort_unstable();
+    for members in region.components(pool, form) {
         let outs: Vec<Symbol> = members.iter().map(|i| form.column(region.resistors[*i].0).out).collect();
         let laws: Vec<Expr> = members.iter().map(|i| replace(pool, law(*i), known)).collect();
         let explicit = members.iter().all(|i| matches!(region.resistors[*i].1, Output::Explicit(_)));

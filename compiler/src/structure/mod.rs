@@ -30,6 +30,7 @@ use crate::graph::{BondGraph, RegionId};
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
 use crate::units::Dimension;
 use bond_grammar::diagnostic::{Diagnostic, once};
+use petgraph::graph::{Graph, NodeIndex};
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::fmt;
 
@@ -275,6 +276,50 @@ pub struct Region {
     pub following: Vec<Follower>,
     /// Effort times flow is no power here.
     pub pseudo: bool,
+}
+
+impl Region {
+    /// The resistors and constraints as places in [`Region::resistors`], those first on which others depend; what
+    /// depends on one another stands together.
+    pub fn components(&self, pool: &Pool, form: &Form) -> Vec<Vec<usize>> {
+        let place: FxHashMap<Symbol, usize> = self
+            .resistors
+            .iter()
+            .enumerate()
+            .flat_map(|(i, (c, how))| {
+                let out = form.column(*c).out;
+                [(out, i), (how.unknown(out), i)]
+            })
+            .collect();
+        let mut needs: Graph<(), ()> = Graph::with_capacity(self.resistors.len(), 0);
+        for _ in &self.resistors {
+            needs.add_node(());
+        }
+        for (i, (_, how)) in self.resistors.iter().enumerate() {
+            for s in how.expressions().flat_map(|e| pool.symbols(e)) {
+                if let Some(&j) = place.get(&s) {
+                    needs.add_edge(NodeIndex::new(i), NodeIndex::new(j), ());
+                }
+            }
+        }
+        let sorted = |component: Vec<NodeIndex>| {
+            let mut members: Vec<usize> = component.iter().map(|n| n.index()).collect();
+            members.sort_unstable();
+            members
+        };
+        petgraph::algo::kosaraju_scc(&needs).into_iter().map(sorted).collect()
+    }
+
+    /// Its algebraic loops: resistors whose outputs depend on one another at each instant.
+    pub fn loops(&self, pool: &Pool, form: &Form) -> Vec<Vec<ColumnId>> {
+        let mut all = self.components(pool, form);
+        all.iter_mut().for_each(|members| {
+            members.retain(|i| form.column(self.resistors[*i].0).role == Role::Resistor);
+        });
+        all.retain(|members| members.len() > 1);
+        all.sort();
+        all.into_iter().map(|members| members.into_iter().map(|i| self.resistors[i].0).collect()).collect()
+    }
 }
 
 /// The form of a whole model.

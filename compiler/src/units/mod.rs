@@ -56,6 +56,11 @@ pub fn lookup(symbol: &str) -> Option<(f64, Dimension)> {
     table::find(symbol).map(|(factor, dimension)| (factor.round(), dimension))
 }
 
+/// Whether a symbol is a unit, with or without a prefix.
+pub fn is_unit(symbol: &str) -> bool {
+    table::find(symbol).is_some()
+}
+
 /// The unit that a symbol which is none may have been meant for.
 pub fn suggest(symbol: &str) -> Option<String> {
     suggest::suggest(symbol)

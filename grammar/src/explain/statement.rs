@@ -168,14 +168,20 @@ impl Wreck<'_> {
         let place = place && self.word(self.before()) != "=";
         (head && place && self.piece == Piece::Statement).then(|| {
             let message = "an argument of an instance needs its parameter's name";
-            let name = self.word(open - 1);
-            let one =
-                "I C R Se Sf TF GY MTF MGY MSe MSf MR".split(' ').any(|kind| kind == self.word(open.saturating_sub(3)));
+            let (kind, name) = (self.word(open.saturating_sub(3)), self.word(open - 1));
+            let one = "I C R Se Sf TF GY MTF MGY MSe MSf MR".split(' ').any(|other| other == kind);
+            let mut end = open + 1;
+            while !matches!(self.word(end + 1), "," | ")" | "") {
+                end += 1;
+            }
+            let value = self.scan.slice(self.scan.span_of(open + 1).to(self.scan.span_of(end)));
             let help = match one {
                 true => format!(
                     "a value stands behind `=`, as in `{name} = ...`; an index in square brackets, `{name}[...]`"
                 ),
-                false => format!("write `{name}(parameter = ...)`"),
+                false => format!(
+                    "write `{kind}:{name}(parameter = {value})`, with its name; `bond doc` lists those of the library"
+                ),
             };
             self.error("syntax::argument", open + 1, message).help(help)
         })
@@ -202,21 +208,61 @@ impl Wreck<'_> {
         None
     }
 
+    /// How an element that is declared elsewhere is given one more field: with the value that it has.
+    fn with_field(&self, name: &str, field: &str) -> String {
+        let scan = self.scan;
+        let declared = (0..scan.tokens.len()).find(|index| scan.starts_element(*index) && scan.word(index + 2) == name);
+        let stores = |index: &usize| matches!(scan.word(*index), "C" | "I") && scan.word(index + 3) == "=";
+        let declared = declared.filter(stores);
+        let all = declared.map(|index| {
+            let kind = scan.word(index);
+            let mut end = index + 4;
+            while end + 1 < scan.tokens.len() && !scan.tokens[end + 1].first && !matches!(scan.word(end + 1), ";" | "}")
+            {
+                end += 1;
+            }
+            let value = scan.slice(scan.span_of(index + 4).to(scan.span_of(end)));
+            format!("{kind}:{name} {{ {} = {value}; {field} = ... }}", main_field(kind))
+        });
+        let all = all.unwrap_or_else(|| format!("KIND:{name} {{ ...; {field} = ... }}"));
+        format!("it stands with its element, in braces: `{all}`")
+    }
+
     /// An element with several values without braces, of which this is one.
     pub(super) fn several(&self, at: usize, value: &str) -> Diagnostic {
         let (kind, name) = (self.word(self.range.start), self.word(self.range.start + 2));
-        let what = match kind {
-            "I" => "inertia",
-            "C" => "compliance",
-            _ => "resistance",
-        };
+        let what = main_field(kind);
         let other = self.word(at);
         self.error("syntax::braces", at, format!("`{name}` has several values"))
             .help(format!("they stand in braces: `{kind}:{name} {{ {what} = {value}; {other} = ... }}`"))
     }
 
+    /// `for i = 1:n`, `for i in 1 to n`
+    fn foreign_range(&self) -> Option<Diagnostic> {
+        let start = self.range.start + 2;
+        if self.piece != Piece::ForHead || !matches!(self.word(start), "=" | "in") {
+            return None;
+        }
+        let sign = (start..self.range.end).find(|index| matches!(self.word(*index), ":" | "to"))?;
+        let last = self.range.end - 1;
+        let rest = sign + 1..=last;
+        if sign == start + 1
+            || sign == last
+            || rest.clone().any(|index| matches!(self.word(index), ":" | "to" | "step"))
+        {
+            return None;
+        }
+        let text = |from: usize, to: usize| self.scan.slice(self.scan.span_of(from).to(self.scan.span_of(to)));
+        let (name, from, to) = (self.word(start - 1), text(start + 1, sign - 1), text(sign + 1, last));
+        let error = self.error("syntax::statement", sign, "a range is written with `..`");
+        Some(error.help(format!("write `for {name} in {from}..{to} {{ ... }}`")))
+    }
+
     /// Parts of `use`, `model`, `for`, `sampled`, `expect`.
     pub(super) fn head(&self) -> Option<Diagnostic> {
+        if let Some(error) = self.foreign_range() {
+            return Some(error);
+        }
         let first = self.word(self.range.start);
         let found = self.found();
         let start = self.at <= self.range.start + 1;
@@ -281,6 +327,9 @@ impl Wreck<'_> {
             (Piece::Statement, "use" | "model") => {
                 ("`use` lines and models do not stand inside a model", "move it out of the model")
             }
+            (Piece::Statement, "simulate") if self.word(self.range.start + 1) == "(" => {
+                ("settings stand in braces", "write `simulate { stop = 10 s }`")
+            }
             (Piece::Statement, "simulate") if start => ("`{` is expected here", "write `simulate { stop = 10 s }`"),
             (Piece::Statement, "expect")
                 if (self.range.start..self.at)
@@ -323,7 +372,7 @@ impl Wreck<'_> {
             let path = self.scan.slice(self.scan.span_of(start).to(self.scan.span_of(last)));
             let field = self.word(last);
             let help = match OWN.contains(&field) {
-                true => format!("it stands with its element, in braces: `KIND:name {{ ...; {field} = ... }}`"),
+                true => self.with_field(self.word(start), field),
                 false => format!("what is computed is named by `let name = ...`, and shown by `probe name = {path}`"),
             };
             return Some(
@@ -366,6 +415,24 @@ impl Wreck<'_> {
         None
     }
 
+    /// How the parameter that a statement of another tool declares is written: `parameter Real R = 10;`
+    fn parameter(&self) -> Option<String> {
+        let start = self.range.start;
+        if !matches!(self.word(start), "param" | "parameter" | "const" | "constant") {
+            return None;
+        }
+        let sign = (start + 1..self.range.end).find(|index| self.word(*index) == "=")?;
+        let last = (sign + 1..self.range.end).rfind(|index| self.word(*index) != ";")?;
+        let scan = self.scan;
+        let head = (0..start).rfind(|index| scan.word(*index) == "model" && scan.is_name(index + 1))?;
+        let (name, model) = (self.word(sign - 1), scan.word(head + 1));
+        let value = scan.slice(scan.span_of(sign + 1).to(scan.span_of(last)));
+        Some(format!(
+            "a parameter stands in the head of its model, `model {model}({name} = {value})`; what is computed is `let \
+             {name} = ...`"
+        ))
+    }
+
     /// `prob x = 1`, and whatever begins no statement.
     pub(super) fn misspelt(&self) -> Option<Diagnostic> {
         let start = self.range.start;
@@ -392,7 +459,7 @@ impl Wreck<'_> {
             }
             if let Some(help) = foreign(word) {
                 let error = self.error("syntax::statement", start, format!("`{word}` cannot begin a statement"));
-                return Some(error.help(help));
+                return Some(error.help(self.parameter().unwrap_or_else(|| help.to_string())));
             }
         }
         let names = self.kind(start + 1) == Some(Kind::Word) && self.kind(start) == Some(Kind::Word);
@@ -402,6 +469,15 @@ impl Wreck<'_> {
             let message = format!("`{word}` cannot begin a statement");
             self.error("syntax::statement", start, message).help(help)
         })
+    }
+}
+
+/// The field that `= value` of an element sets.
+fn main_field(kind: &str) -> &'static str {
+    match kind {
+        "I" => "inertia",
+        "C" => "compliance",
+        _ => "resistance",
     }
 }
 

@@ -184,12 +184,13 @@ impl Reader<'_> {
             Some(digits) => of(ExprKind::Unary(Unary::Neg, Box::new(number(digits)))),
             None => number(digits),
         };
-        match pair.as_str().trim_matches(['(', ')']).split_once('/') {
-            Some((above, below)) => {
-                of(ExprKind::Binary(Binary::Div, Box::new(signed(above)), Box::new(number(below))))
-            }
-            None => signed(pair.as_str().trim_matches(['(', ')'])),
-        }
+        let text = pair.as_str();
+        let inner = text.trim_matches(['(', ')']);
+        let value = match inner.split_once('/') {
+            Some((above, below)) => of(ExprKind::Binary(Binary::Div, Box::new(signed(above)), Box::new(number(below)))),
+            None => signed(inner),
+        };
+        if text.starts_with('(') { of(ExprKind::Paren(Box::new(value))) } else { value }
     }
 
     /// Factors of a unit or of a group in it, each to a power.
