@@ -9,6 +9,7 @@ use crate::expression::{Expr, Pool, Symbol};
 use crate::thresholds::Thresholds;
 use crate::units::Dimension;
 use bond_grammar::ast::Stroke;
+use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use rustc_hash::FxHashMap;
 
@@ -271,6 +272,8 @@ pub struct Element {
     pub line: Option<usize>,
     /// Its declaration.
     pub span: Span,
+    /// The part of the scene that it stands in: where its instance is declared.
+    pub part: Option<Span>,
 }
 
 impl Element {
@@ -730,6 +733,44 @@ impl Model {
     fn like(&mut self, bond: BondId) {
         self.units.push(self.units[bond.at()]);
         self.pseudo.push(self.pseudo[bond.at()]);
+    }
+
+    /// A value of a bond's variable in words, with its unit.
+    pub fn quantity(&self, bond: BondId, variable: Variable, value: f64) -> String {
+        let (effort, flow) = self.units.get(bond.at()).copied().unwrap_or_default();
+        let unit = if variable == Variable::Effort { effort } else { flow };
+        // Without what is rounding.
+        let value: f64 = format!("{value:.11e}").parse().unwrap_or(value);
+        match unit.filter(|unit| !unit.is_one()) {
+            Some(unit) => format!("{value} {}", unit.written()),
+            None => value.to_string(),
+        }
+    }
+
+    /// An error of an element and of others that it has to do with. Where they stand in several parts of the scene, it
+    /// is told there, and not in the models of the parts.
+    pub fn error_of(
+        &self,
+        code: &'static str,
+        message: String,
+        (first, others): (ElementId, &[ElementId]),
+        what: &str,
+    ) -> Diagnostic {
+        let part = |id: ElementId| self.element(id).part;
+        let apart = others.iter().any(|id| part(*id) != part(first));
+        let place = |id: ElementId| part(id).filter(|_| apart).unwrap_or(self.element(id).span);
+        let mut error = Diagnostic::error(code, place(first), message);
+        for id in others {
+            let place = place(*id);
+            if error.labels.iter().all(|l| l.span != place) {
+                error = error.label(place, what);
+            }
+        }
+        let e = self.element(first);
+        if place(first) != e.span {
+            error = error.label(e.span, format!("`{}` is declared here", e.name));
+        }
+        error
     }
 
     /// Elements with their ids.

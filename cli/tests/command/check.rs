@@ -175,7 +175,7 @@ fn starts_beside_sources() {
     let text = "model S {\n  Se:u = 3 V\n  C:b { compliance = 0.5 F; e0 = 3 V }\n  C:d { compliance = 0.5 F; q0 = 1 C }\n  \
                 u -> 0:n -> b, d\n  probe q = b.q\n}\n";
     let here = Folder::new().with("s.bond", text);
-    here.bond(&["check", "s.bond"]).is(1, &[], &["which gives it 3 where 2 is stated"]);
+    here.bond(&["check", "s.bond"]).is(1, &[], &["which gives it 3 V where 2 V is stated"]);
 }
 
 #[test]

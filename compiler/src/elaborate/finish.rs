@@ -230,6 +230,15 @@ impl<'a> Elaborator<'a> {
         span
     }
 
+    /// The part of the scene that a scope stands in: where the outermost instance around it is declared.
+    fn part_of_scene(&self, scope: ScopeId) -> Option<Span> {
+        let mut instance = self.scopes[scope].instance;
+        while instance != 0 && self.instances[instance].outer != 0 {
+            instance = self.instances[instance].outer;
+        }
+        (instance != 0).then(|| self.instances[instance].span)
+    }
+
     /// The element with its law; `None` where that cannot be made (which is said).
     pub(super) fn law(&mut self, id: ElementId) -> Option<Element> {
         let decl = &self.elements[id.at()];
@@ -276,7 +285,8 @@ impl<'a> Elaborator<'a> {
         let before = |f: usize, lines: bool| (0..f).filter(|f| is_line(*f) == lines).count();
         let line = field.filter(|f| is_line(f.0)).map(|f| before(f.0, true));
         let field = field.filter(|f| !is_line(f.0)).map(|f| (before(f.0, false), f.1));
-        Some(Element { name, kind, law, sampling, active, added: false, span: self.place(scope, span), field, line })
+        let (span, part) = (self.place(scope, span), self.part_of_scene(scope));
+        Some(Element { name, kind, law, sampling, active, added: false, span, part, field, line })
     }
 
     fn no_value(&mut self, ast: &ast::Element, what: &str) {

@@ -14,7 +14,7 @@ use super::eliminated::Eliminated;
 use super::start::{self, at_start};
 use super::storage::storage;
 use super::{ColumnId, Form, OPTIONS, Role};
-use crate::model::{Law, Model};
+use crate::model::{ElementId, Law, Model};
 use bond_grammar::diagnostic::Diagnostic;
 use nalgebra::{DMatrix, DVector};
 use rustc_hash::FxHashMap;
@@ -219,13 +219,15 @@ fn clash(model: &Model, form: &Form, multiplier: ColumnId, off: f64) -> Diagnost
     let all = || column.row.iter().map(|t| form.column(t.0)).filter(|c| !model.element(c.element).is_massless());
     let names: Vec<String> = all().map(|c| format!("`{}`", c.name)).collect();
     let what = format!(
-        "inconsistent start: {} are tied at `{}`, and what is stated of them is off by {off}",
+        "inconsistent start: {} are tied at `{}`, and what is stated of them is off by {}",
         names.join(", "),
-        e.name
+        e.name,
+        model.quantity(column.bond, column.gives.other(), off.abs())
     );
-    let mut error = Diagnostic::error("structure::initial", e.span, what);
-    for c in all() {
-        error = error.label(model.element(c.element).span, "is what it ties");
-    }
-    error.help("state the start of one of them and leave the others out")
+    let others: Vec<ElementId> = all().map(|c| c.element).collect();
+    let error = model.error_of("structure::initial", what, (column.element, &others), "is what it ties");
+    error.help(
+        "state the start of one of them and leave the others out, or state starts that fit; what a part's own parameter \
+         gives is stated, too",
+    )
 }

@@ -4,7 +4,7 @@ use super::dependence::Dependence;
 use super::storage::storage;
 use super::{ColumnId, Form, OPTIONS, Role};
 use crate::expression::{Expr, Symbol};
-use crate::model::{Model, Signal, Storage};
+use crate::model::{ElementId, Kind, Model, Signal, Storage, Variable};
 use bond_grammar::diagnostic::Diagnostic;
 use nalgebra::{DMatrix, DVector};
 
@@ -112,7 +112,7 @@ pub(super) fn solve(
 /// A stated start that the others do not allow.
 fn clash(model: &Model, form: &Form, set: &Dependence, s: &Stated, follows: f64) -> Diagnostic {
     let follows = follows + s.driven;
-    let e = model.element(form.column(s.column).element);
+    let column = form.column(s.column);
     let ties: Vec<ColumnId> = match set.dependent.iter().position(|d| *d == s.column) {
         Some(d) => (0..set.independent.len())
             .filter(|i| !model.pool.is_zero(set.ratio[d][*i]))
@@ -121,19 +121,17 @@ fn clash(model: &Model, form: &Form, set: &Dependence, s: &Stated, follows: f64)
             .collect(),
         None => set.independent.iter().chain(&set.dependent).copied().filter(|c| *c != s.column).collect(),
     };
-    let mut error = Diagnostic::error(
-        "structure::initial",
-        e.span,
-        format!(
-            "inconsistent start: `{}` is tied to {}, which gives it {follows} where {} is stated",
-            e.name,
-            ties.iter().map(|c| format!("`{}`", form.column(*c).name)).collect::<Vec<_>>().join(", "),
-            s.value + s.driven
-        ),
+    let variable = if model.element(column.element).kind == Kind::C { Variable::Effort } else { Variable::Flow };
+    let told = |x: f64| model.quantity(column.bond, variable, x);
+    let message = format!(
+        "inconsistent start: `{}` is tied to {}, which gives it {} where {} is stated",
+        model.element(column.element).name,
+        ties.iter().map(|c| format!("`{}`", form.column(*c).name)).collect::<Vec<_>>().join(", "),
+        told(follows),
+        told(s.value + s.driven)
     );
-    for c in &ties {
-        error = error.label(model.element(form.column(*c).element).span, "is what it is tied to");
-    }
+    let others: Vec<ElementId> = ties.iter().map(|c| form.column(*c).element).collect();
+    let error = model.error_of("structure::initial", message, (column.element, &others), "is what it is tied to");
     error.help("state the start of one of them and leave the others out")
 }
 
