@@ -52,6 +52,7 @@ mod signals;
 mod slice;
 mod solutions;
 mod steep;
+mod stiff_signals;
 mod stepped_over;
 mod switching;
 mod units_scaled;
