@@ -799,7 +799,7 @@ const SHAFTS: &str = "
   simulate { stop = 4 s }
 }";
 
-/// A part is what stands in it: the same bits as with the controllers written out, in whatever way they are made.
+/// A part is what stands in it: the same run as with the controllers written out, in whatever way they are made.
 #[test]
 fn a_part_is_what_stands_in_it() {
     let own = |i: u32| format!("state s{i} = 0 rad*s {{ dz = {i}*setpoint - angle[{i}] }}\n");

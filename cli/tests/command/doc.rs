@@ -145,7 +145,7 @@ fn inputs_and_outputs_are_told() {
     let text =
         "model Gain(k = 2 N/m) {\n  /// What comes in.\n  input x = 0 m\n  output F = k*x\n  probe seen = x\n}\n";
     let here = Folder::new().with("a.bond", text);
-    let told = ["\n  inputs\n    x  0 m  What comes in.\n", "\n  outputs\n    F  N\n", "\n  probes\n    seen  m\n"];
+    let told = ["\n  inputs\n    x  0 m    What comes in.\n", "\n  outputs\n    F  N\n", "\n  probes\n    seen  m\n"];
     here.bond(&["doc", "a.bond"]).is(0, &told, &[]);
     let json = here.bond(&["doc", "a.bond", "--as", "json"]).is(0, &[], &[]).out;
     let json: Value = serde_json::from_str(&json).unwrap();

@@ -158,7 +158,7 @@ struct Let<'a> {
     /// The `sampled` block that the value stands in.
     sampling: Option<usize>,
     /// Where it is the input of a part that is given there: what the part says of it.
-    input: Option<signal::Bound<'a>>,
+    input: Option<Box<signal::Bound<'a>>>,
     /// Where it is an output, the place of its name.
     output: Option<Span>,
     state: LetState,

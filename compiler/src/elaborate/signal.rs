@@ -102,7 +102,7 @@ impl<'a> Elaborator<'a> {
         };
         // `u[2]`, `u[1,3]`
         let entry = name.split(['[', ',', ']']).skip(1).filter_map(|i| i.parse().ok()).collect();
-        let input = Some(Bound { default: &it.value, scope, entry });
+        let input = Some(Box::new(Bound { default: &it.value, scope, entry }));
         self.exchanged.push((self.lets.len(), Exchange::Input));
         let (value, state) = (&given.value, LetState::New);
         self.lets.push(Let { value, scope: caller, sampling: outside, input, output: None, state, name: full });
@@ -119,8 +119,8 @@ impl<'a> Elaborator<'a> {
 
     /// What is given for an input of a part, where a `let` is one: it has the unit and the shape of the default.
     pub(super) fn bound(&mut self, l: usize, given: Value) -> Option<Value> {
-        let Some(Bound { default, scope, entry }) = &self.lets[l].input else { return Some(given) };
-        let (default, scope, entry) = (*default, *scope, entry.clone());
+        let Some(input) = &self.lets[l].input else { return Some(given) };
+        let (default, scope, entry) = (input.default, input.scope, input.entry.clone());
         let (name, place) = (self.lets[l].name.clone(), self.lets[l].value.span);
         let given = match entry.is_empty() {
             true => given,
