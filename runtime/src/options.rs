@@ -106,8 +106,7 @@ pub struct ControllerOptions {
     pub endless: f64,
     /// Attempts that fail before the fallback stepper tries.
     pub max_own_failures: u32,
-    /// Step times largest eigenvalue beyond which stability bounds an explicit step. (That of order 8 of Dormand and
-    /// Prince is stable up to 6.1; its estimate of the error already holds steps somewhat below.)
+    /// Step times largest eigenvalue up to which an explicit step is stable (that of order 8 of Dormand and Prince).
     pub stable: f64,
     /// Steps beyond that, in less than `calm` steps between one another, after which the region is stiff. As many steps
     /// of the fallback stepper that are no longer than such a step show that it is not.
@@ -152,7 +151,7 @@ impl Default for ControllerOptions {
             crawl_refund: 4,
             endless: 1e-7,
             max_own_failures: 6,
-            stable: 4.5,
+            stable: 6.1,
             stiff: 15,
             calm: 6,
             balance_decay: 1.0 / 16.0,

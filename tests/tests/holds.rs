@@ -803,7 +803,10 @@ fn what_friction_holds_answers_as_what_slides() {
         );
         let ends = [Accuracy::AsModel, Accuracy::Tolerance(1e-9)].map(|accuracy| {
             let compiled = with(Options::new().accuracy(accuracy), &model);
-            let steps = accuracy.tolerance(None).map_or(Steps::new(), Steps::tolerance);
+            let steps = match accuracy {
+                Accuracy::Tolerance(x) => Steps::tolerance(x),
+                Accuracy::AsModel | Accuracy::Fixed | Accuracy::Uncut => Steps::new(),
+            };
             let mut sim = start(&compiled, steps);
             finish(&mut sim, 2.0);
             let summary = sim.summary();

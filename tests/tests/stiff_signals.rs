@@ -95,7 +95,8 @@ fn the_default_is_a_tolerance() {
         let ends: Vec<f64> = [Steps::new(), Steps::tolerance(1e-6)]
             .into_iter()
             .map(|steps| {
-                let mut sim = start(&with(Options::new(), text), steps);
+                let compiled = with(Options::new(), text);
+                let mut sim = start(&compiled, steps);
                 advance(&mut sim, 1.0);
                 probe(&mut sim, if text == kinked { "x" } else { "ya" })
             })

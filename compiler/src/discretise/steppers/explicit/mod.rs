@@ -232,7 +232,7 @@ impl Write<'_> {
         let first = b.slots(Array::State, stiffness::memory(c)).index as usize;
         let (at_start, at_end) = (&stages.list[0].rates, &stages.list[stages.list.len() - 1].rates);
         let states = (&inputs.states[..], &stages.state[..]);
-        let sizes = if c.groups.is_empty() { stiffness::own_sizes(b, states) } else { found.sizes.clone() };
+        let sizes = if found.sizes.is_empty() { stiffness::own_sizes(b, states) } else { found.sizes.clone() };
         let told = stiffness::Stages { first: (states.0, at_start), last: (states.1, at_end), sizes: &sizes };
         let (ratio, kept) = stiffness::ratio(b, &told, inputs.h, first);
         found.memory.extend(kept);

@@ -8,7 +8,7 @@
 //!
 //! is about the step times the largest eigenvalue of the region, along which errors lie. Rates at the end are those of
 //! the next step's first stage, which tells it. In the norms each state counts by its largest effort, as in
-//! [`super::projection`]: all terms are energies, or powers. Where there is no energy, each counts by its own size.
+//! [`super::projection`]: all terms are energies, or powers. Where no energy is put back, each counts by its own size.
 
 use crate::discretise::cluster::Cluster;
 use bond_runtime::ir::{Array, Binary, Builder, Slot, Unary, Value};
