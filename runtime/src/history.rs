@@ -63,8 +63,23 @@ pub(crate) fn interpolate(values: &mut [f64]) {
     }
 }
 
-/// The value at the end, the second node, that goes on from those at the others.
-pub(crate) fn extend(values: &mut [f64]) {
+/// Where the value at the end, the second node, is clearly not what those at the others go on to, it becomes that.
+pub(crate) fn before_jump(values: &mut [f64]) {
+    let end = values[1];
+    extend(values);
+    let mut coefficients = [0.0; NODES.len()];
+    let n = values.len().min(NODES.len());
+    coefficients[..n].copy_from_slice(&values[..n]);
+    interpolate(&mut coefficients[..n]);
+    let size = values.iter().fold(end.abs(), |most, x| most.max(x.abs()));
+    // By as much are ends that are gone on to less certain, as slopes are.
+    if (end - values[1]).abs() <= SLOPE * (tail(&coefficients[..n]) + f64::EPSILON * size) {
+        values[1] = end;
+    }
+}
+
+/// The value at the end that goes on from those at the others.
+fn extend(values: &mut [f64]) {
     let others = || (0..values.len()).filter(|k| *k != 1);
     let weight = |j: usize| -> f64 {
         others().filter(|m| *m != j).map(|m| (NODES[1] - NODES[m]) / (NODES[j] - NODES[m])).product()
@@ -286,8 +301,12 @@ mod tests {
         let law = |s: f64| 1.0 + (s - 0.3).powi(4) - 2.0 * s.powi(3);
         let mut values = NODES.map(law);
         values[1] = 1e6;
-        super::extend(&mut values[..6]);
+        super::before_jump(&mut values[..6]);
         assert!((values[1] - law(1.0)).abs() < 1e-13);
+        // What does not jump is left as it is.
+        let mut values = NODES.map(|s| (2.0 * s).sin());
+        super::before_jump(&mut values);
+        assert_eq!(values[1], 2f64.sin());
     }
 
     #[test]

@@ -28,6 +28,39 @@ use equations::accounts::{self, Accounts};
 use rustc_hash::FxHashMap;
 use steppers::{ASKED, NAMED};
 
+/// The lossless lines; `home` is the cluster of each region.
+fn lines(
+    model: &mut Model,
+    form: &Form,
+    (clusters, home): (&[cluster::Cluster], &[usize]),
+    written: &[scene::Cluster],
+) -> Vec<scene::TransmissionLine> {
+    let mut list = Vec::new();
+    for l in &model.lines.clone() {
+        let end = |id: ElementId| {
+            let column = form.column_of_element[id.at()]?;
+            let home = home[form.column(column).region.at()];
+            let all = clusters[home].accounts(model, form);
+            let place = |(k, a): (usize, &Accounts)| Some((k, a.supplied.iter().position(|c| *c == column)?));
+            all.iter().enumerate().find_map(place).map(|(k, at)| (home, k, at))
+        };
+        let (Some(a), Some(b)) = (end(l.ends[0]), end(l.ends[1])) else { continue };
+        let Some((admittance, arrives)) = characteristic(model, l) else { continue };
+        let c = &written[a.0];
+        let slot = |symbol: Symbol| {
+            let at = clusters[a.0].lines.iter().position(|line| line.symbol == symbol)?;
+            let before: usize = c.lines.iter().take(at).map(|line| line.carried.slots()).sum();
+            Some(c.lines_at() + before)
+        };
+        let out = match arrives.map(slot) {
+            [Some(a), Some(b)] if c.period.is_none() => Some([a, b]),
+            _ => None,
+        };
+        list.push(scene::TransmissionLine { name: l.name.clone(), ends: [a, b], admittance, out });
+    }
+    list
+}
+
 /// One over the impedance of a line, and what comes out at its ends.
 fn characteristic(model: &mut Model, line: &TransmissionLine) -> Option<(f64, [Symbol; 2])> {
     let mut of = |end: ElementId| {
@@ -131,28 +164,7 @@ pub fn discretise(
         clusters.iter().enumerate().flat_map(|(i, c)| c.ports.iter().enumerate().map(move |(p, id)| (*id, (i, p))));
     let ports: FxHashMap<ColumnId, (usize, usize)> = ports.collect();
     let port_of = |column: ColumnId| ports.get(&column).copied();
-    for l in &model.lines.clone() {
-        let end = |id: ElementId| {
-            let column = form.column_of_element[id.at()]?;
-            let home = home[form.column(column).region.at()];
-            let all = clusters[home].accounts(model, form);
-            let place = |(k, a): (usize, &Accounts)| Some((k, a.supplied.iter().position(|c| *c == column)?));
-            all.iter().enumerate().find_map(place).map(|(k, at)| (home, k, at))
-        };
-        let (Some(a), Some(b)) = (end(l.ends[0]), end(l.ends[1])) else { continue };
-        let Some((admittance, arrives)) = characteristic(model, l) else { continue };
-        let c = &scene.clusters[a.0];
-        let slot = |symbol: Symbol| {
-            let at = clusters[a.0].lines.iter().position(|line| line.symbol == symbol)?;
-            let before: usize = c.lines.iter().take(at).map(|line| line.carried.slots()).sum();
-            Some(c.lines_at() + before)
-        };
-        let out = match arrives.map(slot) {
-            [Some(a), Some(b)] if c.period.is_none() => Some([a, b]),
-            _ => None,
-        };
-        scene.lines.push(scene::TransmissionLine { name: l.name.clone(), ends: [a, b], admittance, out });
-    }
+    scene.lines = lines(model, form, (&clusters, &home), &scene.clusters);
     for bar in &form.bars {
         let (Some(holder), Some(other)) = (port_of(bar.holder), port_of(bar.held)) else { continue };
         let answer = form.column(bar.holder).gives;

@@ -1,5 +1,5 @@
-//! `table(x, [x1, x2, ...], [y1, y2, ...])`: a measured curve; and `table2(x, y, [x1, ...], [y1, ...], [[z11, ...], ...])`,
-//! a measured surface.
+//! `table(x, [x1, x2, ...], [y1, y2, ...])`: a measured curve; and `table2(x, y, [x1, ...], [y1, ...], [[z11, ...],
+//! ...])`, a measured surface.
 
 use super::{Elaborator, Typed, Unit, Value};
 use bond_grammar::ast::{self, ExprKind};

@@ -1,8 +1,8 @@
 //! `TL(a, b):line { impedance = Z; delay = T }`: a lossless line between two ports.
 //!
-//! Waves run both ways, (e + Z f) / (2 √Z) into the line at a port, f counted into it, and (e - Z f) / (2 √Z) out of it; each
-//! comes out a delay later at the other port (the method of characteristics: Branin, Proc. IEEE 55, 1967). So each port has
-//! the law f = (e - w) / Z, where w is e + Z f at the other port a delay ago.
+//! Waves run both ways, (e + Z f) / (2 √Z) into the line at a port, f counted into it, and (e - Z f) / (2 √Z) out of
+//! it; each comes out a delay later at the other port (the method of characteristics: Branin, Proc. IEEE 55, 1967). So
+//! each port has the law f = (e - w) / Z, where w is e + Z f at the other port a delay ago.
 
 use crate::elaborate::{Elaborator, Unit};
 use crate::expression::Expr;

@@ -4,8 +4,8 @@
 //! On each rectangle of the mesh the surface is the bicubic with given values, slopes and cross slopes at its corners.
 //! In one direction such a bicubic is a sum, with Bernstein's polynomials as positive weights, of four cubics in the
 //! other direction: those along both edges, and two between them. So it rises where all four do, which is a matter of
-//! their ends and slopes alone (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980: slopes between 0 and three times the
-//! mean slope). And it stays between two values where its sixteen Bernstein coefficients do. Both are inequalities
+//! their ends and slopes alone (Fritsch and Carlson, SIAM J. Numer. Anal. 17, 1980: slopes between 0 and three times
+//! the mean slope). And it stays between two values where its sixteen Bernstein coefficients do. Both are inequalities
 //! that are linear in the cross slope of each point. Slopes are shortened until all of them can hold.
 
 use super::table::{choices, pieces, slopes};

@@ -34,7 +34,8 @@ fn value(bench: &Bench, e: Expr, x: f64, y: f64) -> f64 {
     })
 }
 
-/// Points of many shapes: rising both ways, with flat parts and steps, with saddles and peaks, falling in one direction.
+/// Points of many shapes: rising both ways, with flat parts and steps, with saddles and peaks, falling in one
+/// direction.
 fn all() -> Vec<Points> {
     let mut seed = 11u64;
     let mut random = move || {

@@ -147,7 +147,7 @@ impl Fitted<'_> {
                 failed = Some((what, end + part.h, part.next.clone()));
                 break;
             }
-            run.take_down_to(c, (end, part.h), &part.next, switched)?;
+            run.take_down_to(c, end, part.h, &part.next)?;
             end += part.h;
             run.watch(end);
             advance_ports(c, &part.output, part.h, moved);

@@ -1,11 +1,10 @@
 //! A cluster as it runs: its state, its steps, its ledger.
 
+use super::delay_line::{Record, Waves};
 use super::guard::Watch;
 use super::input_signal::{ClusterInputs, InputSignal};
 use super::program::{Look, Ready};
-use super::record::Record;
 use super::watched::Drawn;
-use super::wave::Waves;
 use super::{Error, Options};
 use crate::energy::{AccountPlaces, Booking, Layout, Ledger, account};
 use crate::interpreter::Interpret;

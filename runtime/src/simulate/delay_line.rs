@@ -1,8 +1,9 @@
-//! What is on its way in the delays of a cluster: of a sampled one numbers in a ring, of a continuous one what the signal
-//! was ([`History`]).
+//! What is on its way in the delays of a cluster: of a sampled one numbers in a ring, of a continuous one what the
+//! signal was ([`History`]).
 
-use crate::history::{History, SLOTS};
-use crate::scene::{Carried, Cluster};
+use crate::energy::{Layout, Place};
+use crate::history::{History, NODES, SLOTS};
+use crate::scene::{Carried, Cluster, Scene, TransmissionLine};
 use serde::{Deserialize, Serialize};
 
 /// How many more numbers a ring has than it delays by: so far it can be turned back.
@@ -141,6 +142,59 @@ impl DelayLines {
         self.rings.resize(other.rings.len(), Ring::default());
         self.pasts.resize(other.pasts.len(), Past::default());
         self.copy_from(other);
+    }
+}
+
+/// A line whose ends are of one cluster.
+pub(super) struct Waves {
+    /// First input slots of what comes out at its ends.
+    pub(super) slots: [usize; 2],
+    /// What the ends gave, each with its rounding error, in the ledger.
+    pub(super) given: [Place; 2],
+    /// One over its impedance.
+    pub(super) admittance: f64,
+}
+
+impl Waves {
+    /// Those of a cluster.
+    pub(super) fn of(scene: &Scene, cluster: usize, layout: &Layout) -> Vec<Self> {
+        let of = |line: &TransmissionLine| {
+            let slots = line.out.filter(|_| line.ends[0].0 == cluster)?;
+            let given = |(_, entry, at): (usize, usize, usize)| {
+                let sources = layout.accounts.get(entry)?.detail.as_ref()?.sources;
+                Some(sources.plus(2 * at))
+            };
+            let given = [given(line.ends[0])?, given(line.ends[1])?];
+            Some(Self { slots, given, admittance: line.admittance })
+        };
+        scene.lines.iter().filter_map(of).collect()
+    }
+}
+
+/// Room for what is taken down, and how well that is to be.
+pub(super) struct Record {
+    /// By signal, its values at the nodes.
+    pub(super) values: Vec<[f64; NODES.len()]>,
+    /// The nodes that are taken: as many as the order of the step is worth.
+    pub(super) nodes: usize,
+    pub(super) tolerance: Option<f64>,
+    /// What the step gave, while the way to it is looked at.
+    pub(super) next: Vec<f64>,
+    pub(super) output: Vec<f64>,
+}
+
+impl Record {
+    pub(super) fn new(c: &Cluster, tolerance: Option<f64>, outputs: usize) -> Self {
+        let count = c.lines.iter().filter(|_| c.period.is_none()).count();
+        let order = if c.step.properties.order == 0 { NODES.len() } else { c.step.properties.order as usize + 2 };
+        let room = if count == 0 { 0 } else { outputs };
+        Self {
+            values: vec![[0.0; NODES.len()]; count],
+            nodes: order.clamp(5, NODES.len()),
+            tolerance,
+            next: vec![0.0; if count == 0 { 0 } else { c.initial.len() }],
+            output: vec![0.0; room],
+        }
     }
 }
 

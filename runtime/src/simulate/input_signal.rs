@@ -197,7 +197,8 @@ impl ClusterInputs {
         }
     }
 
-    /// Tells the programs what arrives by delays from `t` to `end`. How coarse that is, as a part of the largest values.
+    /// Tells the programs what arrives by delays from `t` to `end`. How coarse that is, as a part of the largest
+    /// values.
     #[inline]
     pub(super) fn aim_lines(&self, input: &mut [f64], t: f64, end: f64) -> f64 {
         if self.lines.pasts.is_empty() { 0.0 } else { self.lines.aim(input, (t, end), slack(t, end)) }

@@ -1,39 +1,11 @@
 //! Lossless lines in continuous time: what comes out of one in a step is no more than what is on the way in it.
 //!
-//! What goes in and what comes out are integrals over steps, by the quadrature of each. What comes out is a polynomial that
-//! passes through what went in, so that its energy is the same to the order of the steps, and not exactly. So it is
-//! shortened where it would be more than there is: a line gives back what it was given, and never more.
+//! What goes in and what comes out are integrals over steps, by the quadrature of each. What comes out is a polynomial
+//! that passes through what went in, so that its energy is the same to the order of the steps, and not exactly. So it
+//! is shortened where it would be more than there is: a line gives back what it was given, and never more.
 
 use super::cluster::Run;
-use crate::energy::{Layout, Place};
 use crate::history::{NODES, mean_square};
-use crate::scene::{Scene, TransmissionLine};
-
-/// A line whose ends are of one cluster.
-pub(super) struct Waves {
-    /// First input slots of what comes out at its ends.
-    slots: [usize; 2],
-    /// What the ends gave, each with its rounding error, in the ledger.
-    given: [Place; 2],
-    /// One over its impedance.
-    admittance: f64,
-}
-
-impl Waves {
-    /// Those of a cluster.
-    pub(super) fn of(scene: &Scene, cluster: usize, layout: &Layout) -> Vec<Self> {
-        let of = |line: &TransmissionLine| {
-            let slots = line.out.filter(|_| line.ends[0].0 == cluster)?;
-            let given = |(_, entry, at): (usize, usize, usize)| {
-                let sources = layout.accounts.get(entry)?.detail.as_ref()?.sources;
-                Some(sources.plus(2 * at))
-            };
-            let given = [given(line.ends[0])?, given(line.ends[1])?];
-            Some(Self { slots, given, admittance: line.admittance })
-        };
-        scene.lines.iter().filter_map(of).collect()
-    }
-}
 
 impl Run {
     /// Tells the programs what is given and what arrives from `t` to `end`.
@@ -42,7 +14,8 @@ impl Run {
         self.shorten(end - t);
     }
 
-    /// Tells the programs what arrives by delays from `t` to `end`. How coarse that is, as a part of the largest values.
+    /// Tells the programs what arrives by delays from `t` to `end`. How coarse that is, as a part of the largest
+    /// values.
     pub(super) fn aim_lines(&mut self, t: f64, end: f64) -> f64 {
         let coarse = self.signals.aim_lines(&mut self.input, t, end);
         self.shorten(end - t);

@@ -1,10 +1,9 @@
 //! What is on its way in the delays of sampled clusters.
 //!
-//! Places are known before the run, so that nothing turns in a ring. A short delay is a row of numbers that move on by one.
-//! A long one, of n periods, is a table of about √n columns: at each sample one of them moves on by one, the next one at
-//! the next sample. So some 2 √n numbers are looked at.
+//! Places are known before the run, so that nothing turns in a ring. A short delay is a row of numbers that move on by
+//! one. A long one, of n periods, is a table of about √n columns: at each sample one of them moves on by one, the next
+//! one at the next sample. So some 2 √n numbers are looked at.
 
-use super::places::Cluster;
 use crate::backend::code::{Index, Memory, Op, Place, Stmt};
 use crate::backend::lower::writer::Writer;
 use crate::backend::standalone::block::Block;
@@ -63,9 +62,9 @@ impl DelayLine {
         list
     }
 
-    /// Moves on by a period.
-    pub(super) fn turn(&self, w: &mut Writer, place: &Cluster) {
-        let mut x = w.kept(self.from + if self.is_wave { place.output } else { place.state });
+    /// Moves on by a period; the places are those of the cluster's state, outputs and inputs.
+    pub(super) fn turn(&self, w: &mut Writer, (state, output, input): (usize, usize, usize)) {
+        let mut x = w.kept(self.from + if self.is_wave { output } else { state });
         if self.length > 0 {
             let last = x;
             x = w.kept(self.row);
@@ -82,7 +81,7 @@ impl DelayLine {
         if self.columns > 0 {
             x = self.turn_table(w, x);
         }
-        w.keep(place.input + self.input, x);
+        w.keep(input + self.input, x);
     }
 
     fn turn_table(&self, w: &mut Writer, x: crate::backend::code::Value) -> crate::backend::code::Value {

@@ -169,8 +169,8 @@ fn hold_together(
 }
 
 /// Gives each delay to a block, and says what it reads there: a sampled one to that of its signal state, another to the
-/// first continuous block that its signal reads, or else to the first that there is. A sampled one by a single period is
-/// its signal state.
+/// first continuous block that its signal reads, or else to the first that there is. A sampled one by a single period
+/// is its signal state.
 fn place_delays(
     model: &Model,
     (form, spread): (&Form, &[Spread]),
@@ -193,6 +193,23 @@ fn place_delays(
         list.push((home, read));
     }
     list
+}
+
+/// A delay of a cluster with these states.
+fn line(
+    model: &Model,
+    (form, spread): (&Form, &[Spread]),
+    pool: &Pool,
+    (k, states): (usize, &[State]),
+) -> Option<Line> {
+    let (d, signal) = (&model.delays[k], form.delays[k]);
+    let carries = match d.periods {
+        Some(n) if d.wave => Carries::Wave(signal, n),
+        Some(n) => Carries::State(states.iter().position(|s| pool.symbols(signal) == [s.symbol])?, n),
+        None => Carries::Signal(signal, d.time),
+    };
+    let (coefficients, value) = spread[k].clone();
+    Some(Line { symbol: d.symbol, name: d.name.clone(), coefficients, value, start: d.start, carries })
 }
 
 /// All clusters: sampled regions alone, or with those that hold for the same one at the same instants; continuous ones
@@ -280,20 +297,7 @@ pub(crate) fn partition(model: &mut Model, (form, spread): (&Form, &[Spread]), a
             let (symbol, name) = (m.symbol, m.name.clone());
             c.states.push(State { symbol, name, column: None, initial: m.start, rate, jumps: m.sampling.is_some() });
         }
-        for &k in &block.delays {
-            let (d, signal) = (&model.delays[k], form.delays[k]);
-            let carries = match d.periods {
-                Some(n) if d.wave => Carries::Wave(signal, n),
-                Some(n) => match c.states.iter().position(|s| pool.symbols(signal) == [s.symbol]) {
-                    Some(state) => Carries::State(state, n),
-                    None => continue,
-                },
-                None => Carries::Signal(signal, d.time),
-            };
-            let (symbol, name, start) = (d.symbol, d.name.clone(), d.start);
-            let (coefficients, value) = spread[k].clone();
-            c.lines.push(Line { symbol, name, coefficients, value, start, carries });
-        }
+        block.delays.iter().for_each(|k| c.lines.extend(line(model, (form, spread), &pool, (*k, &c.states))));
         for &k in &block.integrals {
             let (integral, rate) = (&model.integrals[k], form.integrals[k]);
             let (symbol, start) = (integral.symbol, integral.start);

@@ -216,7 +216,8 @@ pub(crate) fn store_loops(c: &Cluster, b: &mut Builder, loops: &[Value]) {
     }
 }
 
-/// Stores the waves that go into lines over a step, and the integrals at its end: by their rates over it, and by what they change beside that.
+/// Stores the waves that go into lines over a step, and the integrals at its end: by their rates over it, and by what
+/// they change beside that.
 pub(crate) fn store_integrals(
     c: &Cluster,
     model: &mut Model,
