@@ -254,6 +254,8 @@ impl Fitted<'_> {
         let (root, cool) = (h_max.sqrt(), self.cool(h_max).sqrt());
         // Errors that are rounding beside what is stored are none.
         let apart = o.state_floor.max(8.0 * f64::EPSILON / fit.tolerance);
+        // Where nothing has an energy, each state counts by its own size, as it is now.
+        let measured = fit.scales.iter().any(|scale| scale.natural > 0.0);
         for (i, scale) in fit.scales.iter().enumerate() {
             let (x, off) = match self.estimate_at() {
                 Some(slot) => (fit.whole.next[i], fit.whole.output[slot + i].abs()),
@@ -269,8 +271,6 @@ impl Fitted<'_> {
                 None => {
                     let root = if scale.heat { root } else { cool };
                     let largest = self.run.largest[i].max(apart * root * scale.natural);
-                    // What no energy measures counts by its own size, as it is now.
-                    let measured = scale.natural > 0.0;
                     let before = if measured { largest } else { self.run.state[i].abs().max(apart * largest) };
                     // What an explicit step has thrown far off is no size: beside it, its own error is small.
                     let is_bounded = self.c.step.properties.passive && measured;
