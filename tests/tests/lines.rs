@@ -91,8 +91,8 @@ fn a_sampled_line_is_passive() {
     }
 }
 
-/// In continuous time, to the order of the steps: a smooth pulse goes through, is turned round at an open end, and is taken
-/// at the near one.
+/// In continuous time, to the order of the steps: a smooth pulse goes through, is turned round at an open end, and is
+/// taken at the near one.
 #[test]
 fn a_line_in_continuous_time() {
     let model = "model M {
@@ -132,8 +132,8 @@ fn fitted(tolerance: f64) -> Options {
     Options::new().accuracy(Accuracy::Tolerance(tolerance))
 }
 
-/// A teleoperator: two handles over a line of 10 ms each way. By states the same delay gives energy without end; the line
-/// gives none.
+/// A teleoperator: two handles over a line of 10 ms each way. By states the same delay gives energy without end; the
+/// line gives none.
 #[test]
 fn a_teleoperator_is_passive() {
     let compiled = text(

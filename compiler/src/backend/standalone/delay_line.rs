@@ -43,7 +43,7 @@ impl DelayLine {
             if let Some((is_wave, from, periods)) = of {
                 let n = periods as usize;
                 let columns = if n > ROW { n.isqrt() } else { 0 };
-                let rows = if columns > 0 { n / columns } else { 0 };
+                let rows = n.checked_div(columns).unwrap_or(0);
                 let length = n - columns * rows;
                 list.push(Self {
                     is_wave,
