@@ -145,10 +145,17 @@ fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> C
         });
     }
     ast::each_statement(&model.body, &mut |s| match &s.kind {
-        StatementKind::Port(name, _) => {
-            let (effort, flow) = units(flat, &name.text);
+        StatementKind::Port(name, index, _) => {
+            // Of a bundle, all entries are alike in most cases: the first stands for them.
+            let entry = |e: &&bond_compiler::model::Element| {
+                !index.is_empty() && e.name.strip_prefix(&name.text).is_some_and(|rest| rest.starts_with('['))
+            };
+            let first = flat.and_then(|f| f.elements.iter().find(entry)).map_or(&name.text, |e| &e.name);
+            let (effort, flow) = units(flat, first);
             let arrow = arrow(&model.body, &name.text);
-            found.ports.push(Port { name: name.text.clone(), doc: s.docs.clone(), arrow, effort, flow });
+            let index: Vec<&str> = index.iter().map(|e| sources.slice(e.span)).collect();
+            let index = if index.is_empty() { String::new() } else { format!("[{}]", index.join(", ")) };
+            found.ports.push(Port { name: format!("{}{index}", name.text), doc: s.docs.clone(), arrow, effort, flow });
         }
         StatementKind::Probe(it) => found.probes.push(probe(flat, s, it)),
         StatementKind::Output(it) => found.outputs.push(probe(flat, s, it)),
@@ -193,7 +200,8 @@ fn written(sources: &Sources, default: &Expr) -> Option<String> {
         | ExprKind::Binary(..)
         | ExprKind::If(..)
         | ExprKind::Call(..)
-        | ExprKind::List(_) => None,
+        | ExprKind::List(_)
+        | ExprKind::Range(..) => None,
     }
 }
 

@@ -100,7 +100,8 @@ fn eval(e: &Expr) -> Result<Quantity, String> {
         | ExprKind::Unary(Unary::Not, _)
         | ExprKind::If(..)
         | ExprKind::Call(..)
-        | ExprKind::List(_) => Err("this is no number".into()),
+        | ExprKind::List(_)
+        | ExprKind::Range(..) => Err("this is no number".into()),
     }
 }
 

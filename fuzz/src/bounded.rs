@@ -227,7 +227,7 @@ pub fn value(e: &Expr, names: &dyn Fn(&str) -> Option<f64>) -> Bounded {
             _ => Bounded::UNKNOWN,
         },
         ExprKind::Paren(a) => of(a),
-        ExprKind::List(_) => Bounded::UNKNOWN,
+        ExprKind::List(_) | ExprKind::Range(..) => Bounded::UNKNOWN,
     }
 }
 
@@ -251,6 +251,7 @@ pub fn is_even(e: &Expr, ends: [&dyn Fn(&str) -> Option<f64>; 2]) -> bool {
             size <= UNEVEN * largest(e) && even(&[a, b])
         }
         ExprKind::Unary(_, a) | ExprKind::Paren(a) => even(&[a]),
+        ExprKind::Range(a, b) => even(&[a, b]),
         ExprKind::If(c, a, b) => even(&[c, a, b]),
         ExprKind::Call(_, list) | ExprKind::List(list) => even(&list.iter().collect::<Vec<_>>()),
     }

@@ -143,7 +143,7 @@ fn is_small(e: &ast::Expr, left: &mut usize) -> bool {
     let children: Vec<&ast::Expr> = match &e.kind {
         ExprKind::Number { .. } | ExprKind::Bool(_) | ExprKind::Path(_) => Vec::new(),
         ExprKind::Unary(_, a) | ExprKind::Paren(a) => vec![a],
-        ExprKind::Binary(_, a, b) => vec![a, b],
+        ExprKind::Binary(_, a, b) | ExprKind::Range(a, b) => vec![a, b],
         ExprKind::If(c, a, b) => vec![c, a, b],
         ExprKind::Call(_, list) | ExprKind::List(list) => list.iter().collect(),
     };
@@ -166,7 +166,7 @@ fn tree(text: &str) -> Option<ast::Expr> {
 /// A tree as an expression; `None` where it has what is no expression here: units, lists, other names and functions.
 fn build(pool: &mut Pool, names: &Names, e: &ast::Expr) -> Option<Expr> {
     Some(match &e.kind {
-        ExprKind::Number { unit: Some(_), .. } | ExprKind::List(_) => return None,
+        ExprKind::Number { unit: Some(_), .. } | ExprKind::List(_) | ExprKind::Range(..) => return None,
         ExprKind::Number { digits, unit: None } => pool.decimal(digits)?,
         ExprKind::Bool(b) => pool.int(i64::from(*b)),
         ExprKind::Paren(a) => build(pool, names, a)?,

@@ -130,8 +130,8 @@ pub enum StatementKind {
     Element(Element),
     /// `F -> 1:v -> mass, spring`.
     Chain(Chain),
-    /// `port tip { inertia = 0.1 kg }`; the fields may be empty.
-    Port(Name, Vec<Field>),
+    /// `port tip { inertia = 0.1 kg }`, `port hand[1..3]`; index and fields may be empty.
+    Port(Name, Vec<Expr>, Vec<Field>),
     /// `sampled at 25 Hz hold lagged budget off { ... }`.
     Sampled(Sampled),
     /// `for i in 1..n { ... }`.
@@ -174,7 +174,8 @@ pub struct Element {
     pub active: bool,
     /// `I`, `MSe`, `0`, or the name of a model.
     pub kind: Name,
-    /// Ports of a multiport field: `C(x, y)`, `IC(I p1, C q1)`, `RS(r, th)`. Empty for everything else.
+    /// Ports of a multiport field or of a matrix two-port: `C(x, y)`, `IC(I p1, C q1)`, `RS(r, th)`,
+    /// `TF(a[1..3], b[1..2])`. Empty for everything else.
     pub ports: Vec<FieldPort>,
     /// Its name.
     pub name: Name,
@@ -190,13 +191,15 @@ pub struct Element {
     pub span: Span,
 }
 
-/// A port of a multiport field, `p1`, or `I p1` in a mixed one.
+/// A port of a multiport field, `p1`, or `I p1` in a mixed one; of a matrix two-port, `a[1..3]`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldPort {
     /// `I` or `C` in a mixed field.
     pub kind: Option<Name>,
     /// Its name.
     pub name: Name,
+    /// `[1..3]`; empty for a single port.
+    pub index: Vec<Expr>,
 }
 
 /// `path = value` in braces or parentheses. The path is a name such as `H`, or dotted such as `a.e`.
@@ -382,6 +385,8 @@ pub enum ExprKind {
     Call(Name, Vec<Expr>),
     /// `[a, b]`, `[[a, b], [c, d]]`.
     List(Vec<Expr>),
+    /// `1..3`, both ends included; in an index alone.
+    Range(Box<Expr>, Box<Expr>),
     /// `( x )`; kept so that the formatter keeps it.
     Paren(Box<Expr>),
 }

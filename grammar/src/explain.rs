@@ -334,9 +334,10 @@ impl<'a> Wreck<'a> {
             let value = self.scan.slice(self.scan.span_of(start + 4).to(self.scan.span_of(self.before())));
             return self.several(self.at + 1, value);
         }
-        if self.word(self.at) == ".." && self.open_bracket().is_some() {
-            return error
-                .help("an index is one number: a loop goes over several, as in `for i in 0..n { C:cap[i] = c }`");
+        if matches!(self.word(self.at), ".." | ":") && self.open_bracket() == Some("[") {
+            return error.help(
+                "a range has two dots, and is the last index of a bundle, `C:cap[1..3] = c`, or that of a `for`",
+            );
         }
         let chain = (self.range.start..self.at).any(|index| matches!(self.word(index), "->" | "||>" | "->|" | "|->"));
         if chain && self.scan.is_name(self.before()) && self.scan.is_name(self.at) && self.open_bracket().is_none() {

@@ -212,7 +212,7 @@ impl Layout<'_> {
     fn statement_braces(&self, statement: &Statement) -> Option<(usize, usize)> {
         let after = match &statement.kind {
             StatementKind::Element(element) => element.fields.as_ref().map(|(_, span)| span.start),
-            StatementKind::Port(name, fields) => (!fields.is_empty()).then_some(name.span.end),
+            StatementKind::Port(name, _, fields) => (!fields.is_empty()).then_some(name.span.end),
             StatementKind::State(it, _) => Some(it.value.span.end),
             StatementKind::Simulate(_) => Some(statement.span.start),
             StatementKind::For(repeat) => Some(repeat.to.span.end),
@@ -392,7 +392,7 @@ impl Piece for Statement {
                 layout.block(body, braces, indent);
             }
             StatementKind::Element(Element { fields: Some((fields, _)), .. })
-            | StatementKind::Port(_, fields)
+            | StatementKind::Port(_, _, fields)
             | StatementKind::State(_, fields)
             | StatementKind::Simulate(fields) => layout.block(fields, braces, indent),
             StatementKind::Element(_)

@@ -62,7 +62,7 @@ pub(crate) fn one_line(statement: &Statement, source: &str) -> Option<String> {
         StatementKind::Element(Element { fields: Some((list, _)), .. })
         | StatementKind::State(_, list)
         | StatementKind::Simulate(list) => fields(list, source),
-        StatementKind::Port(_, list) if !list.is_empty() => fields(list, source),
+        StatementKind::Port(_, _, list) if !list.is_empty() => fields(list, source),
         StatementKind::For(For { body: statements, .. }) | StatementKind::Sampled(Sampled { body: statements, .. }) => {
             body(statements, source)?
         }
@@ -95,7 +95,7 @@ pub(crate) fn head(statement: &Statement, source: &str) -> String {
     match &statement.kind {
         StatementKind::Element(element) => self::element(element, source),
         StatementKind::Chain(chain) => self::chain(chain, source),
-        StatementKind::Port(name, _) => format!("port {}", name.text),
+        StatementKind::Port(name, entries, _) => format!("port {}{}", name.text, index(entries, source)),
         StatementKind::Sampled(sampled) => self::sampled(sampled, source),
         StatementKind::For(repeat) => {
             let from = tight(&repeat.from, source);
@@ -162,8 +162,8 @@ fn element(element: &Element, source: &str) -> String {
     text += &element.kind.text;
     if !element.ports.is_empty() {
         let port = |port: &FieldPort| match &port.kind {
-            Some(kind) => format!("{} {}", kind.text, port.name.text),
-            None => port.name.text.clone(),
+            Some(kind) => format!("{} {}{}", kind.text, port.name.text, index(&port.index, source)),
+            None => port.name.text.clone() + &index(&port.index, source),
         };
         text += &format!("({})", list(&element.ports, ",", port));
     }
@@ -295,6 +295,12 @@ impl Printer<'_> {
                 self.list(items, text);
                 text.push(']');
             }
+            ExprKind::Range(from, to) => {
+                self.expr(from, text);
+                // `1.` would take the first dot
+                text.push_str(if text.ends_with('.') { " .." } else { ".." });
+                self.expr(to, text);
+            }
             ExprKind::Paren(inner) => {
                 text.push('(');
                 self.expr(inner, text);
@@ -340,6 +346,7 @@ fn first_operand(expr: &Expr) -> &Expr {
         | ExprKind::If(..)
         | ExprKind::Call(..)
         | ExprKind::List(_)
+        | ExprKind::Range(..)
         | ExprKind::Paren(_) => expr,
     }
 }
@@ -349,6 +356,11 @@ fn ends_with_unit(expr: &Expr) -> bool {
     match &expr.kind {
         ExprKind::Number { unit, .. } => unit.is_some(),
         ExprKind::Unary(_, last) | ExprKind::Binary(_, _, last) | ExprKind::If(_, _, last) => ends_with_unit(last),
-        ExprKind::Bool(_) | ExprKind::Path(_) | ExprKind::Call(..) | ExprKind::List(_) | ExprKind::Paren(_) => false,
+        ExprKind::Bool(_)
+        | ExprKind::Path(_)
+        | ExprKind::Call(..)
+        | ExprKind::List(_)
+        | ExprKind::Range(..)
+        | ExprKind::Paren(_) => false,
     }
 }

@@ -178,8 +178,7 @@ impl<'a> Reader<'a> {
     fn definition(&mut self, pair: Pair<Rule>) -> Definition {
         let mut parts = children(pair).peekable();
         let name = self.name(&next(&mut parts));
-        let index = std::iter::from_fn(|| parts.next_if(|pair| pair.as_rule() == Rule::index)).collect::<Vec<_>>();
-        let index = self.indices(index.into_iter());
+        let index = self.indices_ahead(&mut parts);
         Definition { name, index, value: self.expr(next(&mut parts)) }
     }
 
@@ -236,8 +235,10 @@ impl<'a> Reader<'a> {
                     }
                     Rule::port_stmt => {
                         let name = self.name(&next(&mut parts));
+                        let mut parts = parts.peekable();
+                        let index = self.indices_ahead(&mut parts);
                         let fields = parts.next().map_or_else(Vec::new, |pair| self.fields(pair));
-                        StatementKind::Port(name, fields)
+                        StatementKind::Port(name, index, fields)
                     }
                     Rule::simulate_stmt => StatementKind::Simulate(self.fields(next(&mut parts))),
                     Rule::expect_stmt => StatementKind::Expect(self.expect(parts)),
@@ -383,10 +384,14 @@ impl<'a> Reader<'a> {
         let mut ports = Vec::new();
         if let Some(pair) = parts.next_if(|pair| pair.as_rule() == Rule::ports) {
             for pair in children(pair) {
-                let mut names: Vec<Name> = children(pair).map(|pair| self.name(&pair)).collect();
-                if let Some(name) = names.pop() {
-                    ports.push(FieldPort { kind: names.pop(), name });
-                }
+                let mut parts = children(pair).peekable();
+                let first = self.name(&next(&mut parts));
+                let second = parts.next_if(|pair| pair.as_rule() == Rule::name).map(|pair| self.name(&pair));
+                let (kind, name) = match second {
+                    Some(name) => (Some(first), name),
+                    None => (None, first),
+                };
+                ports.push(FieldPort { kind, name, index: self.indices(parts) });
             }
         }
         let name = self.name(&next(&mut parts));

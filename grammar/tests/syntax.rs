@@ -35,6 +35,7 @@ fn show(expr: &Expr) -> String {
         ExprKind::If(c, a, b) => format!("(if {} then {} else {})", show(c), show(a), show(b)),
         ExprKind::Call(name, args) => format!("{}({})", name.text, list(args)),
         ExprKind::List(items) => format!("[{}]", list(items)),
+        ExprKind::Range(from, to) => format!("{}..{}", show(from), show(to)),
         ExprKind::Paren(inner) => show(inner),
     }
 }
@@ -161,7 +162,7 @@ fn the_rest_of_the_statements() {
          if n > 2 { a -> b } else if n > 1 { } else { c -> d } expect passive expect max(abs(x)) < 0.2 m\n\
          sampled every 40 ms budget off hold lagged method ray { next -> b }; probe x = integral(v.f, -0.1 m)",
     );
-    assert!(matches!(&kinds[0], StatementKind::Port(_, fields) if fields.len() == 1));
+    assert!(matches!(&kinds[0], StatementKind::Port(_, _, fields) if fields.len() == 1));
     assert!(matches!(&kinds[2], StatementKind::State(_, fields) if fields.len() == 1));
     let StatementKind::If(choice) = &kinds[4] else { panic!("{kinds:?}") };
     let Some([Statement { kind: StatementKind::If(next), .. }]) = choice.otherwise.as_deref() else {

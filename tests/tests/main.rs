@@ -11,6 +11,7 @@ mod allocation;
 mod backend;
 mod bounds;
 mod budget;
+mod bundles;
 mod causality;
 mod classics;
 mod debts;

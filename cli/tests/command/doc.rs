@@ -153,3 +153,13 @@ fn inputs_and_outputs_are_told() {
     assert_eq!((&part["inputs"][0]["unit"], &part["outputs"][0]["unit"]), (&"m".into(), &"N".into()));
     here.bond(&["doc", "PID"]).is(0, &["inputs\n    want", "outputs\n    u", "What it asks for."], &[]);
 }
+
+/// A bundle of ports is one line, with its range.
+#[test]
+fn a_bundle_of_ports_is_told_with_its_range() {
+    let leg = "model Leg(n = 3) {\n  /// The foot.\n  port tip[1..n]\n  C:c[1..n] = 1 mm/N\n  tip -> c\n}\n";
+    let here = Folder::new().with("leg.bond", leg);
+    let done = here.bond(&["doc", "leg.bond"]).is(0, &["tip[1..n]", "-> in", "N, m/s", "The foot."], &[]);
+    assert_eq!(done.out.matches("tip[").count(), 1, "{}", done.out);
+    here.bond(&["fmt", "--check", "leg.bond"]).is(0, &[], &[]);
+}

@@ -1,5 +1,6 @@
 //! Bonds as they are written: chains of ends, and the paths that lead to them.
 
+use super::bundle::Ends;
 use super::suggest::{foreign_value, nearest};
 use super::{Elaborator, Entity, Mode, RawBond, RawEnd, ScopeId, Sought};
 use crate::model::Kind;
@@ -9,8 +10,8 @@ use bond_grammar::source::Span;
 
 impl<'a> Elaborator<'a> {
     pub(super) fn chain(&mut self, chain: &'a Chain, scope: ScopeId) {
-        let groups: Vec<Vec<Option<(RawEnd, String)>>> =
-            chain.groups.iter().map(|g| g.iter().map(|e| self.end(e, scope)).collect()).collect();
+        let groups: Vec<Vec<Ends>> =
+            chain.groups.iter().map(|g| g.iter().map(|e| self.ends(e, scope)).collect()).collect();
         self.keep_lists(chain, &groups);
         for (i, arrow) in chain.arrows.iter().enumerate() {
             let (tails, heads) = (&groups[i], &groups[i + 1]);
@@ -27,7 +28,7 @@ impl<'a> Elaborator<'a> {
             }
             let name = match &arrow.name {
                 Some((n, index)) => {
-                    if tails.len() * heads.len() > 1 {
+                    if tails.len() * heads.len() > 1 || tails.iter().chain(heads).any(|e| e.size.is_some()) {
                         self.errors.push(
                             Diagnostic::error(
                                 "elaborate::name",
@@ -46,8 +47,8 @@ impl<'a> Elaborator<'a> {
                 None => None,
             };
             let mut declared = false;
-            for tail in tails {
-                for head in heads {
+            for (tails, heads) in tails.iter().flat_map(|tail| heads.iter().map(move |head| (tail, head))) {
+                for (tail, head) in self.paired(tails, heads, arrow.span) {
                     let (Some((tail, tail_name)), Some((head, head_name))) = (tail, head) else {
                         self.fray(scope);
                         if let Some((key, span)) = &name
@@ -87,14 +88,14 @@ impl<'a> Elaborator<'a> {
     }
 
     /// Keeps the fix for 1-ports in a list in the middle of a chain, which all bonds of it go through.
-    fn keep_lists(&mut self, chain: &Chain, groups: &[Vec<Option<(RawEnd, String)>>]) {
+    fn keep_lists(&mut self, chain: &Chain, groups: &[Vec<Ends>]) {
         let (Some(first), Some(last)) = (chain.groups.first(), chain.groups.last()) else { return };
         let (Some(first), Some(last)) = (first.first(), last.last()) else { return };
         for (i, arrow) in chain.arrows.iter().enumerate().skip(1) {
             let (ends, made) = (&chain.groups[i], &groups[i]);
             let [_, .., end] = &ends[..] else { continue };
-            let passes = |end: &Option<(RawEnd, String)>| {
-                let Some((RawEnd::Element(id), _)) = end else { return false };
+            let passes = |ends: &Ends| {
+                let Some(Some((RawEnd::Element(id), _))) = ends.list.first() else { return false };
                 !matches!(self.elements[id.at()].kind, Kind::OnePort(_))
             };
             let (on, stay): (Vec<_>, Vec<_>) = ends.iter().zip(made).partition(|(_, made)| passes(made));
@@ -109,7 +110,7 @@ impl<'a> Elaborator<'a> {
                 names.join(", "),
                 words(arrow.span.to(written(last)))
             );
-            let stay = stay.into_iter().filter_map(|(_, made)| match made {
+            let stay = stay.into_iter().flat_map(|(_, made)| &made.list).filter_map(|made| match made {
                 Some((RawEnd::Element(id), _)) => Some((*id, fix.clone())),
                 _ => None,
             });
@@ -117,12 +118,20 @@ impl<'a> Elaborator<'a> {
         }
     }
 
-    /// The end of a bond, and its name for messages.
-    pub(super) fn end(&mut self, end: &'a End, scope: ScopeId) -> Option<(RawEnd, String)> {
+    /// The end of a bond, and its name for messages; of a bundle, the end at the entry of this name in this segment.
+    pub(super) fn end(
+        &mut self,
+        end: &'a End,
+        scope: ScopeId,
+        entry: Option<(usize, &str)>,
+    ) -> Option<(RawEnd, String)> {
         let instance = self.scopes[scope].instance;
         let path = match end {
             End::Declare(e) => {
-                let key = self.key(&e.name.text, &e.index, scope)?;
+                let key = match entry {
+                    Some((_, key)) => key.to_string(),
+                    None => self.key(&e.name.text, &e.index, scope)?,
+                };
                 return match self.instances[instance].names.get(&key)?.0 {
                     Entity::Element(id) => Some((RawEnd::Element(id), self.full_name(instance, &key))),
                     Entity::Instance(_) => {
@@ -144,12 +153,13 @@ impl<'a> Elaborator<'a> {
                     | Entity::Input(_)
                     | Entity::Memory(_)
                     | Entity::Bond(_)
+                    | Entity::Bundle(_)
                     | Entity::Missing => None,
                 };
             }
             End::Path(path) => path,
         };
-        let (at, last, entity, span) = self.walk(path, scope)?;
+        let (at, last, entity, span) = self.walk_entry(path, scope, entry)?;
         let shown = self.full_name(at, &last);
         let wrong = |what: &str, help: String| {
             Diagnostic::error("elaborate::end", path.span, what.to_string()).label(span, "is declared here").help(help)
@@ -185,6 +195,12 @@ impl<'a> Elaborator<'a> {
                 None
             }
             Entity::Field(f) => self.bare_field(f, path.span),
+            // A bundle in a bundle.
+            Entity::Bundle(_) => {
+                let help = format!("name one of its entries, as in `{last}[1]`");
+                self.errors.push(wrong(&format!("`{shown}` is a bundle in a bundle"), help));
+                None
+            }
             Entity::Missing => None,
         }
     }
@@ -211,17 +227,34 @@ impl<'a> Elaborator<'a> {
             .filter(|(_, (e, _))| matches!(e, Entity::Port(_)))
             .map(|(k, _)| k.clone())
             .collect();
+        // The ports of a bundle go by its name.
+        list.iter_mut().for_each(|name| name.truncate(name.find('[').unwrap_or(name.len())));
         list.sort();
+        list.dedup();
         list
     }
 
     /// Follows all segments of a path: the instance its last name stands in, that name with its indices, what it is,
     /// and where it was declared.
     pub(super) fn walk(&mut self, path: &'a Path, scope: ScopeId) -> Option<(usize, String, Entity, Span)> {
+        self.walk_entry(path, scope, None)
+    }
+
+    /// As `walk`; a segment may be that of a bundle, of which an entry is meant by this name.
+    fn walk_entry(
+        &mut self,
+        path: &'a Path,
+        scope: ScopeId,
+        entry: Option<(usize, &str)>,
+    ) -> Option<(usize, String, Entity, Span)> {
         let mut at = self.scopes[scope].instance;
         for (i, segment) in path.segments.iter().enumerate() {
             let sought = if i > 0 { Sought::Part } else { Sought::Element };
-            let (key, entity, span) = self.find(at, segment, scope, sought)?;
+            let key = match entry {
+                Some((of, key)) if of == i => key.to_string(),
+                _ => self.key(&segment.name.text, &segment.index, scope)?,
+            };
+            let (key, entity, span) = self.find_key(at, segment, key, sought)?;
             if i + 1 == path.segments.len() {
                 return Some((at, key, entity, span));
             }
@@ -259,6 +292,7 @@ impl<'a> Elaborator<'a> {
                 | Entity::Function(_)
                 | Entity::Input(_)
                 | Entity::Memory(_)
+                | Entity::Bundle(_)
                 | Entity::Bond(_) => {
                     let next = &path.segments[i + 1].name;
                     self.errors.push(
@@ -289,6 +323,17 @@ impl<'a> Elaborator<'a> {
         sought: Sought,
     ) -> Option<(String, Entity, Span)> {
         let key = self.key(&segment.name.text, &segment.index, scope)?;
+        self.find_key(at, segment, key, sought)
+    }
+
+    /// Looks up what a segment names, by its name with its indices.
+    fn find_key(
+        &mut self,
+        at: usize,
+        segment: &'a Segment,
+        key: String,
+        sought: Sought,
+    ) -> Option<(String, Entity, Span)> {
         if let Some((entity, span)) = self.instances[at].names.get(&key) {
             return Some((key, *entity, *span));
         }
@@ -332,7 +377,9 @@ impl<'a> Elaborator<'a> {
             None => nearest(key, known.iter().copied()).map(|n| format!("did you mean `{n}`?")),
         };
         if sought == Sought::Part {
-            let what = model.map(|m| m.name.text.as_str()).unwrap_or("");
+            let kind = self.instances[at].kind;
+            let model = model.filter(|_| kind.is_none());
+            let what = kind.or(model.map(|m| m.name.text.as_str())).unwrap_or("");
             let message = format!("`{}` (a `{what}`) has no port or part `{key}`", self.instances[at].path);
             let mut error = Diagnostic::error("elaborate::unknown", span, message);
             if let Some(m) = model {
@@ -391,7 +438,8 @@ impl<'a> Elaborator<'a> {
             // `C:c[n]` is one element, and not n of them.
             let n = (*least).max(2);
             format!(
-                "there is only `{name}[{least}]`; a loop declares several: `for i in 1..{n} {{ ... {name}[i] ... }}`"
+                "there is only `{name}[{least}]`; several are declared as a bundle, `{name}[1..{n}]`, or by a loop, \
+                 `for i in 1..{n} {{ ... {name}[i] ... }}`"
             )
         } else {
             format!("`{name}` goes from `{name}[{least}]` to `{name}[{most}]`")

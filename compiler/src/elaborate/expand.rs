@@ -72,7 +72,9 @@ impl<'a> Elaborator<'a> {
             }
         }
         let mut chains = Vec::new();
+        let two_ports = self.two_ports.len();
         self.block(&decl.body, scope, sampling, false, &mut chains);
+        self.expand_two_ports(instance, two_ports);
         for (chain, scope) in chains {
             self.chain(chain, scope);
         }
@@ -304,7 +306,7 @@ impl<'a> Elaborator<'a> {
                     }
                     chains.push((c, scope));
                 }
-                StatementKind::Port(name, fields) => self.port(name, fields, scope, sampling),
+                StatementKind::Port(name, index, fields) => self.port((name, index), fields, scope, sampling),
                 StatementKind::Sampled(block) => {
                     self.sampled(block, s.span, scope, sampling, chains);
                     self.sampling = sampling;
@@ -446,7 +448,7 @@ impl<'a> Elaborator<'a> {
                         self.lose_name(&name.text, scope);
                     }
                 }
-                StatementKind::Port(name, _) => self.lose_name(&name.text, scope),
+                StatementKind::Port(name, ..) => self.lose_name(&name.text, scope),
                 StatementKind::Let(it)
                 | StatementKind::Probe(it)
                 | StatementKind::Input(it)
@@ -492,7 +494,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// Whether there is too much of the model already, which is said once.
-    fn too_big(&mut self, span: Span) -> bool {
+    pub(super) fn too_big(&mut self, span: Span) -> bool {
         let limits = &self.limits;
         let (what, help) = if self.elements.len() + self.raw_bonds.len() > limits.elements {
             (format!("{} elements and bonds", limits.elements), "lower the bounds of the loops")
@@ -513,12 +515,24 @@ impl<'a> Elaborator<'a> {
     }
 
     fn element(&mut self, e: &'a Decl_, scope: ScopeId, sampling: Option<usize>) {
-        let instance = self.scopes[scope].instance;
-        let Some(key) = self.key(&e.name.text, &e.index, scope) else {
-            self.lose_name(&e.name.text, scope);
+        match self.range(&e.name.text, &e.index, scope) {
+            Some(None) => {}
+            Some(Some(range)) => return self.bundle(e, range, scope, sampling),
+            None => return self.lose_name(&e.name.text, scope),
+        }
+        match self.key(&e.name.text, &e.index, scope) {
+            Some(key) => self.element_at(e, key, scope, sampling),
+            None => self.lose_name(&e.name.text, scope),
+        }
+    }
+
+    /// Declares one element, of this name in its model.
+    pub(super) fn element_at(&mut self, e: &'a Decl_, key: String, scope: ScopeId, sampling: Option<usize>) {
+        let name = self.full_name(self.scopes[scope].instance, &key);
+        if !e.ports.is_empty() && matches!(e.kind.text.as_str(), "TF" | "MTF" | "GY" | "MGY") {
+            self.matrix_two_port(e, key, name, scope, sampling);
             return;
-        };
-        let name = self.full_name(instance, &key);
+        }
         if !e.ports.is_empty() || matches!(e.kind.text.as_str(), "RS" | "IC" | "TL") {
             self.field(e, key, name, scope, sampling);
             return;
@@ -603,6 +617,11 @@ impl<'a> Elaborator<'a> {
                     format!("the port `{}` of `{name}` {what}", p.name.text),
                     &format!("write {example}"),
                 );
+                sound = false;
+            }
+            if let Some(index) = p.index.first() {
+                let what = format!("the port `{}` of `{name}` has an index", p.name.text);
+                wrong(index.span, what, "name its ports one by one; a `TF` or a `GY` takes bundles");
                 sound = false;
             }
             if e.ports[..i].iter().any(|q| q.name.text == p.name.text) {
@@ -713,30 +732,56 @@ impl<'a> Elaborator<'a> {
             );
         }
         let index = self.instances.len();
-        if !self.declare(scope, key, Entity::Instance(index), e.name.span) {
+        if !self.declare(scope, key.clone(), Entity::Instance(index), e.name.span) {
             return;
         }
         if self.instantiate(model, name, Some((&e.args, scope)), sampling, e.span).is_none() {
-            let key = self.key(&e.name.text, &e.index, scope).unwrap_or_default();
             self.instances[instance].names.insert(key, (Entity::Missing, e.name.span));
         }
     }
 
-    fn port(&mut self, name: &'a Name, fields: &'a [Field], scope: ScopeId, sampling: Option<usize>) {
+    fn port(
+        &mut self,
+        (name, index): (&'a Name, &'a [Expr]),
+        fields: &'a [Field],
+        scope: ScopeId,
+        sampling: Option<usize>,
+    ) {
         let instance = self.scopes[scope].instance;
-        let full = self.full_name(instance, &name.text);
         if self.instances[instance].names.get(&name.text).is_some_and(|known| known.1 == name.span) {
             let message = format!("the port `{}` is declared in more than one round of its `for`", name.text);
-            self.errors.push(
-                Diagnostic::error("elaborate::twice", name.span, message)
-                    .help("a port has no index: declare each by a name of its own, outside of the `for`"),
-            );
+            self.errors.push(Diagnostic::error("elaborate::twice", name.span, message).help(
+                "declare all of them outside of the `for`, as a bundle, `port tip[1..3]`, or by names of their own",
+            ));
             return;
         }
+        let range = match self.range(&name.text, index, scope) {
+            None => return self.lose_name(&name.text, scope),
+            Some(None) if index.is_empty() => return self.port_at(name, name.text.clone(), fields, scope, sampling),
+            Some(None) => {
+                let of = self.sources.slice(index[0].span);
+                let message = format!("the port `{}` has one index, and ports are indexed as bundles", name.text);
+                let help = format!("for {of} ports write `port {}[1..{of}]`", name.text);
+                self.errors.push(Diagnostic::error("elaborate::bundle", index[0].span, message).help(help));
+                return self.lose_name(&name.text, scope);
+            }
+            Some(Some(range)) => range,
+        };
+        if self.declare_bundle(scope, &range, name.span) {
+            for key in range.keys() {
+                self.port_at(name, key, fields, scope, sampling);
+            }
+        }
+    }
+
+    /// Declares one port, of this name in its model.
+    fn port_at(&mut self, name: &'a Name, key: String, fields: &'a [Field], scope: ScopeId, sampling: Option<usize>) {
+        let instance = self.scopes[scope].instance;
+        let full = self.full_name(instance, &key);
         if instance == 0 {
             // An open port of the scene is an element of its own.
             let id = ElementId(self.elements.len() as u32);
-            if self.declare(scope, name.text.clone(), Entity::Element(id), name.span) {
+            if self.declare(scope, key, Entity::Element(id), name.span) {
                 let span = name.span;
                 self.elements.push(Decl {
                     name: full,
@@ -751,16 +796,18 @@ impl<'a> Elaborator<'a> {
             }
             return;
         }
-        let port = self.ports.len();
-        if self.declare(scope, name.text.clone(), Entity::Port(port), name.span) {
-            self.ports.push(PortDecl {
-                name: full,
-                span: name.span,
-                inside: Vec::new(),
-                outside: Vec::new(),
-                instance,
-            });
-        }
+        self.inner_port(scope, key, name.span);
+    }
+
+    /// Declares a port of the instance that a scope is of; which one, if the name was free.
+    pub(super) fn inner_port(&mut self, scope: ScopeId, key: String, span: Span) -> Option<usize> {
+        let (port, instance) = (self.ports.len(), self.scopes[scope].instance);
+        let name = self.full_name(instance, &key);
+        let (inside, outside) = (Vec::new(), Vec::new());
+        self.declare(scope, key, Entity::Port(port), span).then(|| {
+            self.ports.push(PortDecl { name, span, inside, outside, instance });
+            port
+        })
     }
 
     fn sampled(
@@ -904,6 +951,11 @@ fn angular(e: &Expr) -> Option<&str> {
         }
         ExprKind::Paren(e) | ExprKind::Unary(_, e) => angular(e),
         ExprKind::Binary(_, a, b) => angular(a).or_else(|| angular(b)),
-        ExprKind::Bool(_) | ExprKind::Path(_) | ExprKind::If(..) | ExprKind::Call(..) | ExprKind::List(_) => None,
+        ExprKind::Bool(_)
+        | ExprKind::Path(_)
+        | ExprKind::If(..)
+        | ExprKind::Call(..)
+        | ExprKind::List(_)
+        | ExprKind::Range(..) => None,
     }
 }

@@ -87,7 +87,8 @@ impl<'a> Elaborator<'a> {
             | ExprKind::Unary(..)
             | ExprKind::Binary(..)
             | ExprKind::If(..)
-            | ExprKind::List(_) => format!("({})", self.words(e)),
+            | ExprKind::List(_)
+            | ExprKind::Range(..) => format!("({})", self.words(e)),
         }
     }
 
@@ -163,13 +164,13 @@ impl<'a> Elaborator<'a> {
     /// An expression that may name signals.
     pub(crate) fn with_signals(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<Typed> {
         self.mode = Mode::Signals;
-        self.express(e, scope)
+        self.of_entry(e, scope)
     }
 
     /// An expression of parameters and numbers.
     pub(crate) fn with_constants(&mut self, e: &'a ast::Expr, scope: ScopeId) -> Option<Typed> {
         let mode = std::mem::replace(&mut self.mode, Mode::Constant);
-        let typed = self.express(e, scope);
+        let typed = self.of_entry(e, scope);
         self.mode = mode;
         typed
     }
@@ -245,6 +246,12 @@ impl<'a> Elaborator<'a> {
             }
             ExprKind::Call(name, args) => self.call(name, args, e.span, scope),
             ExprKind::List(items) => self.list(items, e.span, scope),
+            ExprKind::Range(..) => {
+                let message = format!("`{}` is several indices, where one is needed", self.words(e));
+                let help =
+                    "a range stands last in the name of a bundle, where it is declared or bonded: `1:v[1..3] -> m`";
+                self.wrong("elaborate::bundle", e.span, message, help)
+            }
         }
     }
 

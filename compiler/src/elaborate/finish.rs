@@ -20,6 +20,7 @@ impl<'a> Elaborator<'a> {
         self.energies = vec![None; self.elements.len()];
         self.mode = Mode::Signals;
         let mut laws = self.laws();
+        self.check_two_ports();
         self.turn_steep_laws(&mut laws);
         // What was wrong where an energy was read, and was told at no other place.
         if self.errors.is_empty() && laws.iter().any(Option::is_none) {
@@ -248,6 +249,8 @@ impl<'a> Elaborator<'a> {
         let field = decl.field;
         let law = match (kind, ast) {
             (_, Some(_)) if field.is_some() => self.field_law(id, field?.0, scope)?,
+            // Those of two-ports by matrices.
+            (Kind::Junction(_), None) => Law::Junction,
             (Kind::Junction(_), Some(ast)) => {
                 self.no_value(ast, "a junction");
                 Law::Junction
@@ -275,8 +278,9 @@ impl<'a> Elaborator<'a> {
                 let out = bonds.iter().copied().find(|b| self.bonds[b.at()].tail == id)?;
                 Law::Ratio(self.ratio(id, (ast, scope), kind, into, out)?)
             }
-            (Kind::OnePort(OnePort::Multiplier(_)), Some(_))
-            | (Kind::OnePort(_) | Kind::TwoPort(_) | Kind::Junction(_), None) => return None,
+            (Kind::OnePort(OnePort::Multiplier(_)), Some(_)) | (Kind::OnePort(_) | Kind::TwoPort(_), None) => {
+                return None;
+            }
         };
         let decl = &self.elements[id.at()];
         let active = ast.is_some_and(|a| a.active);

@@ -20,10 +20,15 @@ pub(super) struct Functions<'a> {
     count: u64,
 }
 
-impl Functions<'_> {
+impl<'a> Functions<'a> {
     /// How many there are.
     pub(super) fn count(&self) -> usize {
         self.list.len()
+    }
+
+    /// What a function gives, as it is written.
+    pub(super) fn value(&self, f: usize) -> Option<&'a ast::Expr> {
+        self.list.get(f).map(|(f, _)| &f.value)
     }
 
     /// The name of a function.

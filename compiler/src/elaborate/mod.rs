@@ -6,6 +6,7 @@
 
 mod array;
 mod bond;
+mod bundle;
 mod delay;
 mod domain;
 mod equation;
@@ -18,6 +19,7 @@ mod join;
 mod library;
 mod limits;
 mod load;
+mod matrix;
 mod name;
 mod reading;
 mod resolution;
@@ -75,6 +77,8 @@ enum Entity {
     Memory(usize),
     /// A multiport field.
     Field(usize),
+    /// Entries of a name, `v[1..3]`: an index of `bundles`.
+    Bundle(usize),
     /// Declared, but wrong: said already.
     Missing,
 }
@@ -98,13 +102,15 @@ struct Instance<'a> {
     frayed: bool,
     /// Its outputs.
     outputs: Vec<String>,
+    /// Of a two-port by a matrix, which is no instance of a model: its kind as written.
+    kind: Option<&'a str>,
 }
 
 impl Instance<'_> {
     fn new(model: load::ModelRef, path: String, scope: ScopeId, outer: usize, span: Span) -> Self {
         let (names, lost) = (FxHashMap::default(), FxHashSet::default());
         let (given, unmade, outputs) = ((&[][..], scope, None), Vec::new(), Vec::new());
-        Self { model, path, scope, names, given, outer, span, lost, unmade, frayed: false, outputs }
+        Self { model, path, scope, names, given, outer, span, lost, unmade, frayed: false, outputs, kind: None }
     }
 
     /// A name that is not taken, for a mend.
@@ -122,6 +128,10 @@ struct Scope {
     parent: Option<ScopeId>,
     loop_variable: Option<(String, i64)>,
     locals: FxHashMap<String, (Entity, Span)>,
+    /// In a bundle, which entry the values in it are for.
+    entry: Option<bundle::Entry>,
+    /// In a two-port by a matrix: which one, and the row and the column of its ratio.
+    cell: Option<(usize, usize, usize)>,
 }
 
 #[derive(Clone)]
@@ -233,6 +243,9 @@ pub(crate) struct Elaborator<'a> {
     functions: function::Functions<'a>,
     pub(crate) elements: Vec<Decl<'a>>,
     pub(crate) fields: Vec<FieldDecl<'a>>,
+    /// From which index to which bundles go.
+    bundles: Vec<(i64, i64)>,
+    pub(crate) two_ports: Vec<matrix::MatrixTwoPort<'a>>,
     open_ports: Vec<(ElementId, &'a [ast::Field], ScopeId)>,
     ports: Vec<PortDecl>,
     raw_bonds: Vec<RawBond<'a>>,
@@ -363,6 +376,8 @@ pub fn elaborate(
         functions: Default::default(),
         elements: vec![],
         fields: vec![],
+        bundles: vec![],
+        two_ports: vec![],
         open_ports: vec![],
         ports: vec![],
         raw_bonds: vec![],
@@ -435,7 +450,8 @@ fn scene(files: &Files, options: &Options, at: Span) -> Result<load::ModelRef, D
 
 impl<'a> Elaborator<'a> {
     fn new_scope(&mut self, instance: usize, parent: Option<ScopeId>, loop_variable: Option<(String, i64)>) -> ScopeId {
-        self.scopes.push(Scope { instance, parent, loop_variable, locals: FxHashMap::default() });
+        let locals = FxHashMap::default();
+        self.scopes.push(Scope { instance, parent, loop_variable, locals, entry: None, cell: None });
         self.scopes.len() - 1
     }
 

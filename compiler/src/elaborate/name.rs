@@ -63,6 +63,7 @@ impl<'a> Elaborator<'a> {
             let (key, entity, _) = self.find(at, segment, scope, sought(path, i))?;
             match entity {
                 Entity::Instance(inner) if !rest.is_empty() => at = inner,
+                Entity::Bundle(bundle) => return self.bundle_value(at, (bundle, &key), rest, path.span),
                 _ => return self.entity_value(entity, &key, rest, path.span),
             }
         }
@@ -105,6 +106,7 @@ impl<'a> Elaborator<'a> {
                     | Entity::Function(_)
                     | Entity::Bond(_)
                     | Entity::Field(_)
+                    | Entity::Bundle(_)
                     | Entity::Missing,
                 )
                 | None => {}
@@ -127,6 +129,7 @@ impl<'a> Elaborator<'a> {
             | Entity::Function(_)
             | Entity::Bond(_)
             | Entity::Field(_)
+            | Entity::Bundle(_)
             | Entity::Missing => None,
         }
     }
@@ -150,7 +153,13 @@ impl<'a> Elaborator<'a> {
     }
 
     /// The value of an entity, of which a path names the parts `rest`.
-    fn entity_value(&mut self, entity: Entity, key: &str, rest: &'a [ast::Segment], span: Span) -> Option<Value> {
+    pub(super) fn entity_value(
+        &mut self,
+        entity: Entity,
+        key: &str,
+        rest: &'a [ast::Segment],
+        span: Span,
+    ) -> Option<Value> {
         match entity {
             Entity::Instance(i) => {
                 let outputs: Vec<String> = self.instances[i].outputs.iter().map(|o| format!("`{key}.{o}`")).collect();
@@ -161,7 +170,7 @@ impl<'a> Elaborator<'a> {
                 };
                 self.wrong("elaborate::signal", span, format!("`{key}` is an instance, not a signal"), &help)
             }
-            Entity::Missing => None,
+            Entity::Missing | Entity::Bundle(_) => None,
             Entity::Param(_) | Entity::Let(_) | Entity::Input(_) | Entity::Memory(_) if rest.is_empty() => {
                 self.named(entity, span)
             }

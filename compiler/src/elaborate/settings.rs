@@ -198,6 +198,7 @@ impl<'a> Elaborator<'a> {
             Entity::Instance(_)
             | Entity::Port(_)
             | Entity::Field(_)
+            | Entity::Bundle(_)
             | Entity::Param(_)
             | Entity::Let(_)
             | Entity::Function(_)
@@ -293,6 +294,7 @@ fn is_condition(e: &ast::Expr) -> bool {
         | ExprKind::Path(_)
         | ExprKind::Unary(ast::Unary::Neg, _)
         | ExprKind::Call(..)
-        | ExprKind::List(_) => false,
+        | ExprKind::List(_)
+        | ExprKind::Range(..) => false,
     }
 }

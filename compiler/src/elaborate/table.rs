@@ -175,6 +175,7 @@ fn entry(e: &ast::Expr, i: usize) -> Option<&ast::Expr> {
         | ExprKind::Unary(..)
         | ExprKind::Binary(..)
         | ExprKind::If(..)
-        | ExprKind::Call(..) => None,
+        | ExprKind::Call(..)
+        | ExprKind::Range(..) => None,
     }
 }

@@ -154,6 +154,7 @@ impl Elaborator<'_> {
             | Entity::Function(_)
             | Entity::Bond(_)
             | Entity::Field(_)
+            | Entity::Bundle(_)
             | Entity::Missing => None,
         }
     }

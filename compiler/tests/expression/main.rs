@@ -76,7 +76,7 @@ fn build(pool: &mut Pool, names: &[(&str, Symbol)], e: &ast::Expr) -> Expr {
         }
         ExprKind::Paren(a) => build(pool, names, a),
         ExprKind::Bool(b) => pool.int(i64::from(*b)),
-        ExprKind::List(_) => panic!("a list"),
+        ExprKind::List(_) | ExprKind::Range(..) => panic!("a list"),
     }
 }
 

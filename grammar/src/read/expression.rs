@@ -11,7 +11,27 @@ use std::sync::LazyLock;
 
 impl Reader<'_> {
     pub(super) fn indices<'p>(&mut self, pairs: impl Iterator<Item = Pair<'p, Rule>>) -> Vec<Expr> {
-        pairs.flat_map(children).map(|pair| self.expr(pair)).collect()
+        pairs.flat_map(children).map(|pair| self.entry(pair)).collect()
+    }
+
+    /// The indices that stand next.
+    pub(super) fn indices_ahead<'p>(
+        &mut self,
+        parts: &mut std::iter::Peekable<impl Iterator<Item = Pair<'p, Rule>>>,
+    ) -> Vec<Expr> {
+        let index = std::iter::from_fn(|| parts.next_if(|pair| pair.as_rule() == Rule::index)).collect::<Vec<_>>();
+        self.indices(index.into_iter())
+    }
+
+    /// An index, or a range of them.
+    fn entry(&mut self, pair: Pair<Rule>) -> Expr {
+        let span = self.span(&pair);
+        let mut parts = children(pair);
+        let from = self.expr(next(&mut parts));
+        match parts.next() {
+            None => from,
+            Some(to) => Expr { kind: ExprKind::Range(Box::new(from), Box::new(self.expr(to))), span },
+        }
     }
 
     pub(super) fn path(&mut self, pair: Pair<Rule>) -> Path {
@@ -20,7 +40,7 @@ impl Reader<'_> {
         for pair in children(pair) {
             if pair.as_rule() == Rule::index {
                 for pair in children(pair) {
-                    let index = self.expr(pair);
+                    let index = self.entry(pair);
                     if let Some(segment) = segments.last_mut() {
                         segment.index.push(index);
                     }
