@@ -43,13 +43,16 @@ pub struct ChoiceThresholds {
     pub corners: f64,
     /// Tolerance above which a region with exponentials, which may be driven hard, takes `radau`.
     pub exponentials: f64,
+    /// Tolerance above which a region takes order 2 where several laws have vertical and horizontal branches, so that
+    /// they may hold one another.
+    pub ideal: f64,
     /// Tolerance from which down a large region takes order 6.
     pub large: f64,
 }
 
 impl Default for ChoiceThresholds {
     fn default() -> Self {
-        Self { order_2: 1e-3, order_8: 1e-5, corners: 1e-6, exponentials: 1e-7, large: 1e-6 }
+        Self { order_2: 1e-3, order_8: 1e-5, corners: 1e-6, exponentials: 1e-7, ideal: 1e-7, large: 1e-6 }
     }
 }
 

@@ -232,7 +232,7 @@ fn a_stop_far_off_balances() {
       R:d = 0.049 N*s/m
       u -> 1:v -> m, near, far, d
     }";
-    for (method, most) in [("gonzalez", 2e-13), ("collocation8", 1.8e-13)] {
+    for (method, most) in [("gonzalez", 2e-13), ("collocation8", 2e-13)] {
         let compiled = with(Options::new().method(method), stops);
         for tolerance in [1e-4, 3e-5, 1e-5, 3e-6, 1e-6] {
             let mut sim = start(&compiled, Steps::tolerance(tolerance));

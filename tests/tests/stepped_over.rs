@@ -842,13 +842,10 @@ fn springs_with_a_kink_in_a_row() {
       u -> v[1]
       probe x = k[1].q
     }";
-    let plain = compiled(text, None, None);
-    let (x, many) = at(&plain, None, "x", 5.0);
     let tight = compiled(text, None, Some(1e-8));
     assert_eq!(tight.scene().clusters[0].step.name, "collocation6");
     let (y, few) = at(&tight, Some(1e-8), "x", 5.0);
-    close(x / y, 1.0, 1e-3, "the first spring");
     let (z, more) = at(&compiled(text, Some("gonzalez"), Some(1e-8)), Some(1e-8), "x", 5.0);
     close(z / y, 1.0, 1e-6, "by order 2");
-    assert!(4 * few < many && 50 * few < more, "{few} steps, {many} and {more} by order 2");
+    assert!(50 * few < more, "{few} steps, and {more} by order 2");
 }

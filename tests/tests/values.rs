@@ -267,7 +267,7 @@ fn reference(q0: f64, damped: bool, stop: f64) -> f64 {
 fn order_two_on_measured_curves() {
     for (q0, damped, stop) in [(2.9, false, 0.4), (2.5, false, 8.0), (2.5, true, 8.0)] {
         let wanted = reference(q0, damped, stop);
-        let compiled = text(&measured(q0, damped));
+        let compiled = with(Options::new().method("gonzalez"), &measured(q0, damped));
         let errors: Vec<f64> =
             [100.0, 200.0, 400.0].map(|n| (end(&compiled, Steps::fixed(stop / n), stop, "x") - wanted).abs()).to_vec();
         let orders: Vec<f64> = errors.windows(2).map(|e| (e[0] / e[1]).log2()).collect();

@@ -229,7 +229,7 @@ fn what_is_stored_may_be_drawn() {
     let warm = "C:body { e = 300 K * exp(q/(10 J/K)); q0 = 0 J/K }  RS(a, heat):r = 0.001 N*s/m  v -> r.a  r.heat -> 0:T -> body";
     for (what, more) in [("spring", ""), ("and heat", warm)] {
         let compiled = text(&spring(more));
-        let mut sim = start(&compiled, Steps::new());
+        let mut sim = start(&compiled, Steps::tolerance(1e-6).longest(0.01));
         // At pi it is back where it began.
         finish(&mut sim, std::f64::consts::PI);
         let [hand] = &sim.summary().watched[..] else { panic!("{what}") };

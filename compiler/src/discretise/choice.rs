@@ -267,7 +267,9 @@ const RULES: [Rule; 22] = [
         take: Method::Gonzalez,
         because: "it is not linear, and not smooth",
         when: |f| {
-            let limit = if f.is_non_smooth() { f.by.corners } else { f.by.order_8 };
+            let ideal = f.is_non_smooth() && smoothness::ideal_laws(f.c, &mut f.model.pool) > 1;
+            let corners = if ideal { f.by.ideal } else { f.by.corners };
+            let limit = if f.is_non_smooth() { corners } else { f.by.order_8 };
             f.is_kinked() && !f.is_within(limit)
         },
     },

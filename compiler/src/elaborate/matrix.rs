@@ -2,9 +2,9 @@
 //!
 //! Of a transformer, f_b = J f_a and e_a = J^T e_b: each entry of `a` is a 1-junction, each of `b` a 0-junction, and
 //! between them stands a transformer for each entry of the matrix. Of a gyrator, e_b = R f_a and e_a = R^T f_b, both
-//! sides are 1-junctions. A gyrator on one bundle, e = S f with S skew, has 1-junctions with a gyrator between each two
-//! of them. So no power is made or lost, whatever the entries do, and all that comes later knows no matrices. (Breedveld
-//! 1985, "Multibond graph elements in physical systems theory".)
+//! sides are 1-junctions. A gyrator on one bundle, e = S f with S skew, has 1-junctions with a gyrator between each
+//! two of them. So no power is made or lost, whatever the entries do, and all that comes later knows no matrices.
+//! (Breedveld 1985, "Multibond graph elements in physical systems theory".)
 
 use super::{Decl, Elaborator, Entity, Instance, RawBond, RawEnd, ScopeId, Typed};
 use crate::model::{ElementId, Kind};
@@ -206,8 +206,8 @@ impl<'a> Elaborator<'a> {
         self.raw_bonds.push(RawBond { tail, head, sampled: false, resolution: None, stroke: None, name, span });
     }
 
-    /// Which entries of a matrix are written as the literal 0, where its rows are written out: in its place, or where the
-    /// name or the function is declared that stands there.
+    /// Which entries of a matrix are written as the literal 0, where its rows are written out: in its place, or where
+    /// the name or the function is declared that stands there.
     fn zeros(&self, e: &'a ast::Expr, scope: ScopeId, depth: usize) -> Option<Vec<Vec<bool>>> {
         if depth > self.limits.nesting {
             return None;

@@ -231,6 +231,8 @@ impl Fitted<'_> {
         let (mut last_failure, mut refused) = (None, None::<Attempt>);
         let usual = self.fit.usual;
         let (mut failures, mut off, mut endless) = (0, None::<f64>, false);
+        let (first, mut others_turn) =
+            (control.ahead, self.c.step.properties.explicit || self.c.step.fallback.is_none());
         let shortest = match self.c.has_exponentials {
             true => o.min_step_exponential * usual,
             // What is stiff may begin far faster than it goes on.
@@ -262,6 +264,10 @@ impl Fitted<'_> {
                         failures = failures.max(o.max_own_failures);
                     } else {
                         control.ahead = o.failure_shrink * h;
+                    }
+                    if failures >= o.max_own_failures && !others_turn {
+                        // What an implicit step cannot solve may be no matter of the length.
+                        (control.ahead, others_turn) = (first, true);
                     }
                     control.rejected += 1;
                     continue;

@@ -33,9 +33,9 @@ struct AtStart {
 /// Energies are as large as the largest that is stored at the start, or that the efforts and flows which drive a
 /// storage would store in it in a usual step (or until it turns, if that is sooner) if none of them held another. An
 /// input that is 0 counts as 1 of its unit, since what it will be is not known. A state is as large as what that energy
-/// moves it by. An integral is as large as its change in a usual step, where all states are of their sizes; so is a signal
-/// state, but for no longer than the fastest state of its cluster goes on as it begins. All are 0 where nothing drives
-/// anything.
+/// moves it by. An integral is as large as its change in a usual step, where all states are of their sizes; so is a
+/// signal state, but for no longer than the fastest state of its cluster goes on as it begins. All are 0 where nothing
+/// drives anything.
 pub(crate) fn sizes(clusters: &[Cluster], model: &mut Model, form: &Form) -> Sizes {
     let starts: Vec<AtStart> = clusters.iter().map(|c| at_start(c, model, form)).collect();
     let energy = clusters.iter().zip(&starts).map(|(c, start)| energy(c, model, start)).fold(0.0, f64::max);

@@ -48,6 +48,26 @@ pub(crate) fn empties(c: &Cluster, pool: &mut Pool) -> bool {
     written || c.nodes.iter().any(|n| is_flat(n, pool))
 }
 
+/// How many laws of a cluster are vertical on one branch and horizontal on another: a diode that drops a fixed voltage
+/// and blocks, dry friction. What several of them share in one loop none of them tells.
+pub(crate) fn ideal_laws(c: &Cluster, pool: &mut Pool) -> usize {
+    let mut count = 0;
+    for n in &c.nodes {
+        let Output::Curve { parameter, out, residual, bends: None, .. } = n.how else { continue };
+        // The parameter is a bare number; corners are where it is about 1, or 0.
+        let mut is_flat = |e: Expr| {
+            let slope = pool.derivative(e, parameter);
+            [-1e3, -1e-3, 1e-3, 1e3].iter().any(|s| {
+                let there = pool.float(*s);
+                let at = pool.substitute(slope, &std::iter::once((parameter, there)).collect());
+                pool.is_zero(at)
+            })
+        };
+        count += usize::from(is_flat(out) && is_flat(residual));
+    }
+    count
+}
+
 /// Whether something has a root, and so an infinite slope: beyond it a step may have no solution, however near.
 pub(crate) fn is_root(n: &Node) -> bool {
     match n {

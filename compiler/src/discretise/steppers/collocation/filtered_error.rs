@@ -1,7 +1,7 @@
-//! What estimates the error of a step at the nodes of Radau where no energy is to be kept: the difference to a method of
-//! order 3 that also sees the rate at the start, filtered by one linear system so that it stays small where the step is
-//! long beside what is stiff (Hairer and Wanner, *Solving Ordinary Differential Equations II*, 2nd ed., IV.8). A step
-//! and its halves would not do: with the same start, both may find a solution on another branch.
+//! What estimates the error of a step at the nodes of Radau where no energy is to be kept: the difference to a method
+//! of order 3 that also sees the rate at the start. One linear system filters it, so that it stays small where the step
+//! is long beside what is stiff (Hairer and Wanner, *Solving Ordinary Differential Equations II*, 2nd ed., IV.8). A
+//! step and its halves would not do: with the same start, both may find a solution on another branch.
 //!
 //! ```text
 //! (u I - h J) error = h f(x) + d1 z1 + d2 z2 + d3 z3,      z_i what the state changes by up to the node i
@@ -22,7 +22,7 @@ use bond_runtime::ir::{Array, Builder, Slot, Solve, Value};
 pub(super) const ORDER: u32 = 3;
 
 /// The real eigenvalue of the inverse of Radau IIA's matrix of 3 stages: 30/(6 + 81^(1/3) - 9^(1/3)).
-const EIGENVALUE: f64 = 3.637_834_252_744_495_7;
+const EIGENVALUE: f64 = 3.637_834_252_744_496;
 
 /// Stores the errors of states and integrals; the first of the outputs. None where the rates are not known at once.
 /// `changes` are the stages' rates times the step, by stage and state, `integrands` those of integrals, by integral and

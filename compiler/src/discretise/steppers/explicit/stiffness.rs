@@ -18,8 +18,8 @@ pub(crate) fn memory(c: &Cluster) -> usize {
     2 * c.states.len() + 1
 }
 
-/// By what each state counts where no energy measures it: one over the larger of its values at the start and at the last
-/// stage.
+/// By what each state counts where no energy measures it: one over the larger of its values at the start and at the
+/// last stage.
 pub(crate) fn own_sizes(b: &mut Builder, (first, last): (&[Value], &[Value])) -> Vec<(usize, Value)> {
     let (zero, one) = (b.number(0.0), b.number(1.0));
     let mut sizes = Vec::new();
