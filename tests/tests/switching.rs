@@ -334,7 +334,11 @@ fn a_bridge_with_thresholds_starts() {
         }
     }
     // Where the current ends within a step of a fixed length, a part of it is left over.
-    let ways = [(Accuracy::Tolerance(1e-8), Steps::tolerance(1e-8), 2e-5), (Accuracy::Fixed, Steps::fixed(5e-6), 3e-4)];
+    let ways = [
+        (Accuracy::Tolerance(1e-8), Steps::tolerance(1e-8), 2e-5),
+        (Accuracy::AsModel, Steps::new(), 3e-4),
+        (Accuracy::Fixed, Steps::fixed(5e-6), 3e-4),
+    ];
     for (accuracy, steps, off) in ways {
         let compiled = with(Options::new().accuracy(accuracy), &text);
         let mut sim = start(&compiled, steps);
