@@ -175,10 +175,13 @@ pub struct IterationThresholds {
     pub lossless: f64,
     /// Ratio of a law's slope where it starts to the one at rest up to which the latter counts.
     pub steeper: f64,
+    /// The part by which each update takes pivots for larger where constraints say the same (Marquardt, SIAM J. Appl.
+    /// Math. 11, 1963). The equations stay as they are, so that it counts for how soon they are solved alone.
+    pub damping: f64,
 }
 
 impl Default for IterationThresholds {
     fn default() -> Self {
-        Self { max_exponent: 80.0, lossless: 1e-20, steeper: 1e4 }
+        Self { max_exponent: 80.0, lossless: 1e-20, steeper: 1e4, damping: 1e-6 }
     }
 }

@@ -8,6 +8,7 @@
 mod analysis;
 mod assignment;
 mod conflict;
+mod echelon;
 mod exchange;
 mod junction;
 mod laws;
@@ -24,8 +25,10 @@ use analysis::Facts;
 use assignment::Assignment;
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
+pub(crate) use echelon::Echelon;
 pub(crate) use junction::{Given, Undetermined, combine, rows};
 use laws::{Laws, law};
+pub(crate) use modulation::moves;
 use strokes::strokes;
 
 /// Bounds on the work of the assignment, and what counts as small.

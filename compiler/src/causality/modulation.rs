@@ -55,7 +55,7 @@ pub(super) fn divides(model: &Model, id: ElementId, bond: BondId, gives: Variabl
 }
 
 /// Whether any ratio changes with states.
-pub(super) fn moves(model: &Model) -> bool {
+pub(crate) fn moves(model: &Model) -> bool {
     model.ids().any(|(id, _)| along(model, id).is_some())
 }
 

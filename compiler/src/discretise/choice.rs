@@ -174,7 +174,7 @@ struct Rule {
 /// Why a linear cluster that `exact` would cut its steps for is not stepped by that.
 pub(crate) const UNCUT: &str = "a source switches, and no step of it is cut there";
 
-const RULES: [Rule; 22] = [
+const RULES: [Rule; 23] = [
     // Of an odd number of stages: what is stiff and was set off by a jump of the source is damped at last. Not of what
     // is sampled, in intervals that are short beside what moves.
     Rule {
@@ -192,6 +192,12 @@ const RULES: [Rule; 22] = [
         },
     },
     Rule { take: Method::Exact, because: "it is linear", when: |f| f.exact.is_some() },
+    // They agree where positions do, which are kept at the ends of its steps; at the nodes of others they are on the way.
+    Rule {
+        take: Method::Gonzalez,
+        because: "constraints of it say the same, and only its steps keep the positions by which they agree",
+        when: |f| f.c.redundant,
+    },
     // A probe is to cost no accuracy.
     Rule {
         take: Method::Collocation8,

@@ -13,11 +13,13 @@
 use super::eliminated::Eliminated;
 use super::start::{self, at_start};
 use super::storage::storage;
-use super::{ColumnId, Form, OPTIONS, Role};
+use super::{ColumnId, Form, OPTIONS, Role, dependence};
+use crate::causality::Echelon;
+use crate::graph::RegionId;
 use crate::model::{ElementId, Law, Model};
 use bond_grammar::diagnostic::Diagnostic;
 use nalgebra::{DMatrix, DVector};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::BTreeSet;
 
 /// A constraint at the start, in what is not stated.
@@ -36,7 +38,12 @@ struct Equation {
 ///
 /// # Errors
 /// A constraint that cannot hold, and stated starts that do not agree, with the elements.
-pub(super) fn settle(model: &mut Model, form: &Form, done: &mut Eliminated) -> Result<(), Vec<Diagnostic>> {
+pub(super) fn settle(
+    model: &mut Model,
+    form: &mut Form,
+    held: &[ElementId],
+    done: &mut Eliminated,
+) -> Result<(), Vec<Diagnostic>> {
     let multipliers: Vec<ColumnId> = (0..form.columns.len() as u32)
         .map(ColumnId)
         .filter(|c| matches!(model.element(form.column(*c).element).law, Law::Multiplier))
@@ -45,6 +52,13 @@ pub(super) fn settle(model: &mut Model, form: &Form, done: &mut Eliminated) -> R
     if !errors.is_empty() {
         return Err(errors);
     }
+    let rank = Rank::of(model, form, &multipliers);
+    let errors = rank.held(model, form, held);
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    form.redundant.extend(rank.redundant);
+    let form = &*form;
     let mut equations = Vec::new();
     for &multiplier in &multipliers {
         let mut e = Equation { multiplier, row: Vec::new(), value: 0.0, size: 0.0 };
@@ -80,6 +94,42 @@ pub(super) fn settle(model: &mut Model, form: &Form, done: &mut Eliminated) -> R
         done.states.insert(c, (s.state, start, true));
     }
     Ok(())
+}
+
+/// What the constraints leave free where the run starts.
+struct Rank {
+    rows: Echelon,
+    /// By which each column is counted, so that motions of one energy have one size.
+    size: FxHashMap<ColumnId, f64>,
+    /// Regions with constraints that follow from the others.
+    redundant: FxHashSet<RegionId>,
+}
+
+impl Rank {
+    fn of(model: &mut Model, form: &Form, multipliers: &[ColumnId]) -> Self {
+        let mut found = Self { rows: Echelon::default(), size: FxHashMap::default(), redundant: FxHashSet::default() };
+        for &multiplier in multipliers {
+            let mut row = Vec::new();
+            for &(c, k) in &form.column(multiplier).row {
+                let size = *found.size.entry(c).or_insert_with(|| 1.0 / inertia(model, form, c).unwrap_or(1.0).sqrt());
+                row.push((c.at(), at_start(model, form, k) * size));
+            }
+            // What a signal of the run decides is found by the first step.
+            if row.iter().all(|(_, k)| k.is_finite()) && !found.rows.take(&row) {
+                found.redundant.insert(form.column(multiplier).region);
+            }
+        }
+        found
+    }
+
+    /// These storages, where the constraints let none of them have a speed. In a mechanism that moves some may be at
+    /// rest, as a coupler of parallel cranks that does not turn.
+    fn held(&self, model: &Model, form: &Form, storages: &[ElementId]) -> Vec<Diagnostic> {
+        let columns: Vec<ColumnId> = storages.iter().filter_map(|id| form.column_of_element[id.at()]).collect();
+        let moves = columns.iter().any(|c| !self.rows.follows(&[(c.at(), 1.0)]));
+        let held = columns.into_iter().filter(|_| !moves);
+        held.map(|c| dependence::held(model, form.column(c))).collect()
+    }
 }
 
 /// Whether a column is a storage, or a speed without inertia, whose start is not stated.

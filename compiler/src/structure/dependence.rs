@@ -144,6 +144,18 @@ fn beyond<'f>(model: &Model, form: &'f Form, bar: &Column) -> Option<(&'f String
     Some((&giver.name, giver.element))
 }
 
+/// That a storage is held at rest.
+pub(super) fn held(model: &Model, column: &Column) -> Diagnostic {
+    let e = model.element(column.element);
+    let held = match e.kind.integral().map_or(column.gives, Variable::other) {
+        Variable::Effort => "held at rest, by a flow that is always 0",
+        Variable::Flow => "held at 0, by an effort that is always 0",
+    };
+    let what = format!("`{}` is in derivative causality, and {held}", e.name);
+    let help = "remove it, correct the ratios that hold it, or bond it to what should drive it";
+    Diagnostic::error("structure::held", e.span, what).help(help)
+}
+
 /// Why a dependent storage cannot be had at all: what it is held by, or follows, allows none.
 pub(super) fn check(model: &Model, form: &Form, d: ColumnId) -> Option<Diagnostic> {
     let column = form.column(d);
@@ -158,12 +170,7 @@ pub(super) fn check(model: &Model, form: &Form, d: ColumnId) -> Option<Diagnosti
         Some(error.help(help))
     };
     if column.row.is_empty() {
-        let held = match column.gives {
-            Variable::Effort => "held at rest, by a flow that is always 0",
-            Variable::Flow => "held at 0, by an effort that is always 0",
-        };
-        let help = "remove it, correct the ratios that hold it, or bond it to what should drive it".to_string();
-        return refuse("structure::held", held.into(), None, help);
+        return Some(held(model, column));
     }
     for (c, _) in &column.row {
         let other = form.column(*c);

@@ -9,26 +9,38 @@ use super::dependence::{self, Dependence};
 use super::eliminated::Eliminated;
 use super::storage::ids;
 use super::{ColumnId, Form, Role, constraint, curved, quadratic};
-use crate::causality::Causality;
+use crate::causality::{self, Causality};
 use crate::model::{ElementId, Model};
 use bond_grammar::diagnostic::Diagnostic;
 use rustc_hash::FxHashSet;
+
+/// Storages that multipliers are to tie.
+#[derive(Default)]
+pub(super) struct Tied {
+    /// All of them.
+    pub(super) storages: Vec<ElementId>,
+    /// Those that are held at rest where ratios have just any values. Where these are what the positions of a mechanism
+    /// make them, two of its constraints may say the same, and it moves: the start tells ([`constraint::settle`]).
+    pub(super) held: Vec<ElementId>,
+}
 
 /// Storages that depend on one another and cannot be merged: multipliers are to tie them. `before` were tied already.
 ///
 /// # Errors
 /// Storages that nothing can be done for, with the elements.
-pub(super) fn tied(
-    model: &mut Model,
-    form: &Form,
-    before: &FxHashSet<ElementId>,
-) -> Result<Vec<ElementId>, Vec<Diagnostic>> {
-    let dependent = ids(form, Role::Dependent);
+pub(super) fn tied(model: &mut Model, form: &Form, before: &FxHashSet<ElementId>) -> Result<Tied, Vec<Diagnostic>> {
+    let moves = causality::moves(model);
+    let may_move = |d: &ColumnId| {
+        let column = form.column(*d);
+        moves && column.row.is_empty() && !before.contains(&column.element)
+    };
+    let (held, dependent): (Vec<ColumnId>, Vec<ColumnId>) = ids(form, Role::Dependent).into_iter().partition(may_move);
     let errors: Vec<Diagnostic> = dependent.iter().filter_map(|d| dependence::check(model, form, *d)).collect();
     if !errors.is_empty() {
         return Err(errors);
     }
-    let mut tied = Vec::new();
+    let held: Vec<ElementId> = held.into_iter().map(|d| form.column(d).element).collect();
+    let mut tied = held.clone();
     for set in dependence::all(model, form, &dependent) {
         if !set.is_merged(model, form) {
             let again = set.dependent.iter().map(|d| form.column(*d).element).find(|id| before.contains(id));
@@ -41,7 +53,7 @@ pub(super) fn tied(
             tied.extend(set.independent.iter().chain(&set.dependent).map(|c| form.column(*c).element));
         }
     }
-    Ok(tied)
+    Ok(Tied { storages: tied, held })
 }
 
 /// Merges all dependent storages, and takes their columns out of all rows. What multipliers tie starts where that
@@ -50,6 +62,7 @@ pub(super) fn eliminate(
     model: &mut Model,
     causality: &Causality,
     form: &mut Form,
+    held: &[ElementId],
 ) -> Result<Eliminated, Vec<Diagnostic>> {
     let mut done = Eliminated { before: form.columns.iter().map(|c| c.out).collect(), ..Eliminated::default() };
     let dependent = ids(form, Role::Dependent);
@@ -61,7 +74,7 @@ pub(super) fn eliminate(
             form.columns[c.at()].role = Role::Constraint;
         }
     }
-    constraint::settle(model, form, &mut done)?;
+    constraint::settle(model, form, held, &mut done)?;
     if causality.dependent.is_empty() {
         return Ok(done);
     }

@@ -30,6 +30,7 @@ use crate::graph::{BondGraph, RegionId};
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
 use crate::units::Dimension;
 use bond_grammar::diagnostic::{Diagnostic, once};
+use eliminate::Tied;
 use petgraph::graph::{Graph, NodeIndex};
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::fmt;
@@ -352,6 +353,8 @@ pub struct Form {
     pub expectations: Vec<Vec<Expr>>,
     /// Sources whose values read the scene's own signals.
     pub steered: FxHashSet<ColumnId>,
+    /// Regions with constraints that say the same, as the mechanism starts: what each of them carries is not determined.
+    pub redundant: FxHashSet<RegionId>,
 }
 
 /// A loop through modulation: a signal that stands in a ratio and comes out of it.
@@ -398,12 +401,15 @@ pub fn build(
         once(errors).into_iter().map(|e| held(model, graph, causality, e)).collect::<Vec<_>>()
     };
     let mut before: FxHashSet<ElementId> = FxHashSet::default();
+    let mut at_rest: Vec<ElementId> = Vec::new();
     loop {
-        let tied = eliminate::tied(model, &form, &before).map_err(|e| told(e, model, &graph, &causality))?;
+        let Tied { storages: tied, held: more } =
+            eliminate::tied(model, &form, &before).map_err(|e| told(e, model, &graph, &causality))?;
         if tied.is_empty() {
             break;
         }
         before.extend(&tied);
+        at_rest.extend(more);
         (graph, causality) = causality::tie(model, graph, &causality, &tied)?;
         let mut columns = self::columns(model, &graph, &causality);
         rows = junction::rows(model, &graph, &causality, &mut columns)?;
@@ -411,7 +417,7 @@ pub fn build(
         resolve::rows(model, &graph, &rows, &mut form)?;
     }
     let eliminated =
-        eliminate::eliminate(model, &causality, &mut form).map_err(|e| told(e, model, &graph, &causality))?;
+        eliminate::eliminate(model, &causality, &mut form, &at_rest).map_err(|e| told(e, model, &graph, &causality))?;
     form.poles.clone_from(&eliminated.poles);
     region::regions(model, &graph, &rows, &eliminated, &mut form)?;
     casimir::bound(model, &mut form);
@@ -445,6 +451,7 @@ fn form(model: &Model, columns: Vec<Column>) -> Form {
         delays: Vec::new(),
         expectations: Vec::new(),
         steered: FxHashSet::default(),
+        redundant: FxHashSet::default(),
     }
 }
 

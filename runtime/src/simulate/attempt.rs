@@ -264,7 +264,8 @@ impl Fitted<'_> {
             if !off.is_finite() {
                 return Err(Failure::NotFinite { slot: Slot::new(Array::Next, i) });
             }
-            if off <= scale.faintest + scale.drift * fit.whole.h {
+            // Of what is compared, both are known to that.
+            if off <= scale.faintest + 2.0 * scale.drift * fit.whole.h {
                 continue;
             }
             let (before, size) = match i.checked_sub(self.c.states) {

@@ -70,7 +70,14 @@ fn respond(
         add_answers((c, model, form), (&mut b, &mut lowering), &inputs, (holds, &flat_outs), &mut system)?;
     }
     let flag = matched.then(|| b.slot(Array::Local));
-    system = System { h: c.h, flag, knees: c.exponential_knees(), undetermined: c.may_be_undetermined(), ..system };
+    system = System {
+        h: c.h,
+        flag,
+        knees: c.exponential_knees(),
+        undetermined: c.may_be_undetermined(),
+        redundant: c.redundant,
+        ..system
+    };
     newton::solve(model, &mut b, &mut lowering, system)?;
     for (i, e) in outs.iter().enumerate() {
         let e = model.pool.substitute(*e, &flat);

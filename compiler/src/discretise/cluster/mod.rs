@@ -208,6 +208,8 @@ pub(crate) struct Cluster {
     pub(crate) kept: Vec<f64>,
     /// Whether an iteration starts by them alone, and from nothing where the last one is 0.
     pub(crate) recalls: Option<Recall>,
+    /// Whether constraints may say the same: how they share what they carry.
+    pub(crate) redundant: bool,
     /// Whether each step's balance is looked at before it counts.
     pub(crate) watched: bool,
     /// Whether steps are fitted to a tolerance.
@@ -222,6 +224,7 @@ impl Cluster {
     /// Takes a region in; `loops` are its loops through modulation.
     pub(crate) fn add(&mut self, pool: &mut Pool, form: &Form, region: usize, loops: &[usize]) {
         let r = &form.regions[region];
+        self.redundant |= form.redundant.contains(&RegionId(region as u32));
         let base = self.states.len();
         for s in &r.states {
             let rate = form.input(pool, s.column);

@@ -184,12 +184,12 @@ impl Speeds {
             return Ok(());
         }
         let sizes = Sizes::of(c, (model, form), b, lowering, guesses)?;
-        let mut system = System::default();
+        let mut system = System { redundant: c.redundant, ..System::default() };
         let all = sizes.free.iter().map(|s| (s, true)).chain(sizes.ties.iter().map(|s| (s, false)));
         for (((size, is_speed), unknown), residual) in all.zip(&self.unknowns).zip(&self.residuals) {
             let zero = b.number(0.0);
             let start = if is_speed { guesses[size.place] } else { zero };
-            system.push((*unknown, *residual), (start, size.energy, size.scale(b, start)));
+            system.push((*unknown, *residual), (start, size.weight, size.scale(b, start)));
             size.divide(model, (b, lowering), &mut system, size.energy);
         }
         newton::solve(model, b, lowering, system)?;
@@ -218,6 +218,8 @@ struct Size {
     place: usize,
     /// Energy per square of the impulse of a multiplier, or of the speed.
     energy: Value,
+    /// The same as it counts in the iteration.
+    weight: Value,
     /// The sum of the magnitudes of what the constraint is the sum of, as an impulse or as a speed.
     terms: Value,
 }
@@ -227,6 +229,14 @@ impl Size {
     fn scale(&self, b: &mut Builder, start: Value) -> Value {
         let start = b.unary(Unary::Abs, start);
         b.add(start, self.terms)
+    }
+
+    /// Where constraints say the same, the rounding of what they say moves what one of them carries by as much as the
+    /// damping of its pivot lets it, at the cost of another: it counts for so much less. The states tell when it is found.
+    fn share(&mut self, b: &mut Builder, damping: f64) {
+        let (square, part) = (b.number(damping * damping), b.number(1.0 / damping));
+        self.weight = b.mul(square, self.weight);
+        self.terms = b.mul(part, self.terms);
     }
 
     /// Has the last residual of a system in the unit of its unknown.
@@ -285,7 +295,7 @@ impl Sizes {
             let energy = b.select(is_known, energy, one);
             let terms = error_weights::terms(model, form, &flat, tie.column);
             let terms = at.lower(&model.pool, b, terms).map_err(|s| missing(model, s))?;
-            sizes.ties.push(Size { place: place(tie.out), energy, terms: b.div(terms, energy) });
+            sizes.ties.push(Size { place: place(tie.out), energy, weight: energy, terms: b.div(terms, energy) });
         }
         for s in c.multipliers(model, form).1.into_iter().map(|n| n.out).collect::<Vec<_>>() {
             let (mut energy, mut terms) = (zero, zero);
@@ -304,7 +314,10 @@ impl Sizes {
             }
             let is_known = b.binary(Binary::Lt, zero, energy);
             let energy = b.select(is_known, energy, one);
-            sizes.free.push(Size { place: place(s), energy, terms: b.div(terms, energy) });
+            sizes.free.push(Size { place: place(s), energy, weight: energy, terms: b.div(terms, energy) });
+        }
+        if c.redundant {
+            sizes.ties.iter_mut().for_each(|size| size.share(b, c.thresholds.iteration.damping));
         }
         Ok(sizes)
     }
@@ -367,7 +380,8 @@ impl StepSizes {
         let one = b.number(1.0);
         for (tie, size) in ties.iter().zip(&sizes.ties) {
             let by = b.mul(inputs.h, size.energy);
-            let weight = b.mul(inputs.h, by);
+            let weight = b.mul(inputs.h, size.weight);
+            let weight = b.mul(inputs.h, weight);
             let terms = b.div(size.terms, inputs.h);
             let start = b.unary(Unary::Abs, inputs.guesses[size.place]);
             let scale = b.add(start, terms);
@@ -394,7 +408,7 @@ impl StepSizes {
                 let slope = at.lower(&model.pool, b, slope).map_err(|s| missing(model, s))?;
                 by.push((k, known(model, slope, "how it goes")));
             }
-            found.free.push(StepSpeed { place: size.place, weight: size.energy, scale, unit, by });
+            found.free.push(StepSpeed { place: size.place, weight: size.weight, scale, unit, by });
         }
         found.balanced(c, (model, form), (b, &mut at), (&flat, inputs.h))?;
         Ok(found)
@@ -500,7 +514,7 @@ pub(crate) fn measure_instant(
         let terms = b.div(terms, size.energy);
         let start = b.unary(Unary::Abs, guesses[size.place]);
         scale[size.place] = b.add(start, terms);
-        weight[size.place] = size.energy;
+        weight[size.place] = size.weight;
         residuals[size.place] = divided(model, (b, lowering), residuals[size.place], size.energy);
     }
     Ok(())
@@ -626,14 +640,14 @@ impl Moved<'_> {
         };
         let zero = b.number(0.0);
         let sizes = Sizes::of(self.c, (model, form), b, &at, loops)?;
-        let mut system = System::default();
+        let mut system = System { redundant: self.c.redundant, ..System::default() };
         for (tie, size) in self.ties.iter().zip(&sizes.ties) {
             let residual = model.pool.substitute(tie.residual, &ends);
-            system.push((tie.impulse, residual), (zero, size.energy, size.terms));
+            system.push((tie.impulse, residual), (zero, size.weight, size.terms));
             size.divide(model, (b, &mut at), &mut system, size.energy);
         }
         for ((speed, start, balance), size) in self.free.iter().zip(&sizes.free) {
-            system.push((*speed, *balance), (*start, size.energy, size.scale(b, *start)));
+            system.push((*speed, *balance), (*start, size.weight, size.scale(b, *start)));
             size.divide(model, (b, &mut at), &mut system, size.energy);
         }
         newton::solve(model, b, &mut at, system)?;

@@ -43,6 +43,8 @@ pub(crate) fn solve_from(
     let h = system.h;
     let roots = Roots::of(model, b, lowering, &mut system, &mut cold)?;
     let all = system.unknowns.clone();
+    // What is taken out is taken as it is, without that.
+    let apart = apart && !system.redundant;
     let Torn { before, unknowns: torn } = if apart { tear(&mut model.pool, &mut system, h) } else { Torn::default() };
     bind(model, b, lowering, &before)?;
     let inside = if system.exact_coefficients { &torn[..] } else { &[] };
@@ -71,7 +73,7 @@ pub(crate) fn solve_from(
 
 /// The unknowns that an iteration solves for, where it is as [`solve_from`] makes it.
 pub(crate) fn solved_for(pool: &mut Pool, mut system: System, apart: bool) -> Vec<Symbol> {
-    if apart && !Roots::are_in(pool, &system) {
+    if apart && !system.redundant && !Roots::are_in(pool, &system) {
         let (h, none) = (system.h, vec![Value(0); system.unknowns.len()]);
         (system.start, system.weight, system.scale) = (none.clone(), none.clone(), none);
         tear(pool, &mut system, h);
@@ -130,6 +132,9 @@ fn iterate(
     let slot = |i: usize| Slot { array: Array::Local, index: slots.index + i as u32 };
     let place: FxHashMap<Symbol, u32> = system.unknowns.iter().enumerate().map(|(i, s)| (*s, i as u32)).collect();
     let mut jacobian = jacobian_of(&mut model.pool, &system.residuals, &place, torn);
+    if system.redundant {
+        damp(&mut model.pool, &mut jacobian, model.settings.thresholds.iteration.damping);
+    }
     let unknown: FxHashSet<Symbol> = system.unknowns.iter().copied().chain(torn.iter().map(|t| t.0)).collect();
     if n <= LARGE {
         system.residuals = model.pool.factored(&system.residuals, &unknown, system.exact_coefficients);
@@ -139,8 +144,9 @@ fn iterate(
         }
     }
     // Few unknowns are cheap to look at again, which takes the rounding of the solution off.
-    let affine =
-        (n > LARGE || system.once) && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &|s| unknown.contains(&s)));
+    let affine = (n > LARGE || system.once)
+        && !system.redundant
+        && jacobian.iter().all(|t| !model.pool.contains_any(t.2, &|s| unknown.contains(&s)));
     if affine && !system.once {
         at_once(model, b, lowering, &system, slots, &jacobian)?;
         return Ok(FxHashMap::default());
@@ -215,6 +221,14 @@ fn iterate(
         lowering.bind(*s, v);
     }
     Ok(taken(b, &system.unknowns, rests))
+}
+
+/// Makes pivots larger by a part of them. Where equations say the same, elimination leaves that part of the last one's,
+/// and not 0: an update leaves alone what they do not determine.
+fn damp(pool: &mut Pool, jacobian: &mut [(u32, u32, Expr)], part: f64) {
+    for (_, _, e) in jacobian.iter_mut().filter(|(i, j, _)| i == j) {
+        *e = pool.scale(*e, Number::float(1.0 + part));
+    }
 }
 
 /// The derivatives of residuals by the unknowns that have a place, where they are not 0; through what was taken out,

@@ -152,6 +152,7 @@ pub(crate) fn outputs(
         knees: bends,
         unknowns,
         undetermined: c.may_be_undetermined(),
+        redundant: c.redundant,
         ..System::default()
     };
     newton::solve(model, b, lowering, system)?;
@@ -420,6 +421,7 @@ impl Regularised<'_> {
             unknowns: c.loops.clone(),
             flag: Some(flag),
             undetermined: c.may_be_undetermined(),
+            redundant: c.redundant,
             ..System::default()
         };
         newton::solve(model, b, &mut lowering, system)?;

@@ -32,6 +32,8 @@ pub(crate) struct System {
     pub(crate) knees: Vec<(Symbol, Bends)>,
     /// Whether branched laws may leave the unknowns undetermined: how they share a load.
     pub(crate) undetermined: bool,
+    /// Whether constraints may say the same: how they share what they carry.
+    pub(crate) redundant: bool,
     /// Whether laws are non-smooth: steeper by orders of magnitude beyond a corner.
     pub(crate) non_smooth: bool,
 }

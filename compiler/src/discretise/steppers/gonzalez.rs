@@ -5,12 +5,13 @@
 //! loops are solved with it. The unknowns are the changes of the states, so that x+ = x + change is rounded once.
 
 use crate::discretise::analysis::relay;
-use crate::discretise::cluster::{Cluster, Recall, missing, verified};
+use crate::discretise::cluster::{Cluster, Node, Recall, missing, verified};
 use crate::discretise::equations::constraints::StepSizes;
 use crate::discretise::equations::system::{self, System};
 use crate::discretise::equations::{
     angle_addition, constraints, discrete_gradient, exact_coefficients, inputs, ledger, newton,
 };
+use crate::discretise::steppers::kept_positions::{self, KeptPositions};
 use crate::discretise::steppers::label::{Label, Refusal, Step};
 use crate::discretise::steppers::mean_ratios::MeanRatios;
 use crate::discretise::steppers::predictor::{self, Predictor};
@@ -24,13 +25,18 @@ use bond_runtime::ir::{Array, Builder, Slot, Value};
 pub(crate) fn step(label: Label, c: &mut Cluster, model: &mut Model, form: &Form) -> Result<Step, Refusal> {
     c.couple_stiffly(model, form);
     c.predicted = predictor::predicted_states(c, model, form);
-    c.memory = predictor::memory(c.predicted.len());
-    c.recalls = Some(Recall::Rate);
+    if c.redundant {
+        c.predicted = Vec::new();
+        c.memory = kept_positions::memory(c);
+    } else {
+        c.memory = predictor::memory(c.predicted.len());
+        c.recalls = Some(Recall::Rate);
+    }
     Ok(write(label, c, model, form, true)?)
 }
 
 /// Writes the step. `own` says that it is the cluster's own, rather than what another stepper falls back to: its memory
-/// is then that of [`predictor`].
+/// is then that of [`predictor`], or of [`kept_positions`].
 pub(crate) fn write(
     label: Label,
     c: &Cluster,
@@ -60,13 +66,18 @@ pub(crate) fn write(
     let (mut weight, mut scale) = discrete_gradient::measures(c, model, form, &mut b, &mut lowering, &inputs)?;
     let sizes = StepSizes::of(c, (model, form), (&mut b, &mut lowering), &inputs)?;
     sizes.measure(c, &mut b, &mut weight, &mut scale);
+    let positions = KeptPositions::of(c, model, (&mut b, &mut lowering), &inputs, &mut residuals);
     sizes.reduce(c, &mut model.pool, 0.5, &mut residuals);
     let zero = b.number(0.0);
-    let rest: Vec<Value> = c.states.iter().map(|_| zero).chain(inputs.guesses.iter().copied()).collect();
+    // What constraints that say the same carry together is not determined: from none each time it does not grow.
+    let is_shared = |n: &Node| c.redundant && n.constraint().is_some();
+    let loops: Vec<Value> =
+        c.loop_nodes().into_iter().zip(&inputs.guesses).map(|(n, x)| if is_shared(n) { zero } else { *x }).collect();
+    let rest: Vec<Value> = c.states.iter().map(|_| zero).chain(loops.iter().copied()).collect();
     let predictor = if own { Predictor::new(&mut b, c, inputs.h) } else { None };
     let (start, cold) = match &predictor {
         Some(predictor) => {
-            let start = predictor.start.iter().chain(&inputs.guesses).copied().collect();
+            let start = predictor.start.iter().chain(&loops).copied().collect();
             let known = c.delta.iter().copied().collect();
             let equations = (&unknowns[..], &residuals[..]);
             (
@@ -85,7 +96,7 @@ pub(crate) fn write(
         None => (rest, Vec::new()),
     };
     let carries: Vec<Value> = inputs.carries.iter().map(|slot| b.load(*slot)).collect();
-    let states = c.states.iter().map(|s| s.symbol).zip(carries.iter().copied().map(Some)).collect();
+    let carried: Vec<_> = c.states.iter().map(|s| s.symbol).zip(carries.iter().copied().map(Some)).collect();
     let system = System {
         unknowns,
         h: c.h,
@@ -97,9 +108,10 @@ pub(crate) fn write(
         rests: true,
         left: system::left(c),
         small: if whole { carries } else { Vec::new() },
-        states,
+        states: carried.clone(),
         knees: c.exponential_knees(),
         undetermined: c.may_be_undetermined(),
+        redundant: c.redundant,
         non_smooth: relay::is_steeply_non_smooth(c, model, form),
         ..System::default()
     };
@@ -128,6 +140,7 @@ pub(crate) fn write(
     let first = b.slots(Array::Next, c.slots()).index as usize;
     match &predictor {
         Some(predictor) => predictor.keep(&mut b, c, &changes),
+        None if c.redundant => positions.keep(c, model, (&mut b, &mut lowering), (inputs.h, &carried))?,
         None => inputs::no_memory(&mut b, c),
     }
     for (i, v) in rests.iter().enumerate() {

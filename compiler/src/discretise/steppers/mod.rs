@@ -8,6 +8,7 @@ pub(crate) mod discrete_update;
 pub(crate) mod exact;
 pub(crate) mod explicit;
 pub(crate) mod gonzalez;
+mod kept_positions;
 pub(crate) mod label;
 mod mean_ratios;
 pub(crate) mod predictor;

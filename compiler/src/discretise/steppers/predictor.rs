@@ -40,7 +40,8 @@ pub(crate) fn predicted_states(c: &Cluster, model: &mut Model, form: &Form) -> V
         return (0..n).collect();
     }
     let whole = discrete_gradient::keeps_coefficients(c, pool);
-    let system = System { unknowns, residuals, h: c.h, exact_coefficients: whole, ..System::default() };
+    let system =
+        System { unknowns, residuals, h: c.h, exact_coefficients: whole, redundant: c.redundant, ..System::default() };
     let apart = !discrete_gradient::is_stiff(c, model, form);
     let solved = newton::solved_for(&mut model.pool, system, apart);
     (0..n).filter(|i| solved.contains(&c.delta[*i])).collect()

@@ -257,6 +257,7 @@ impl Plan {
             states,
             knees,
             undetermined: c.may_be_undetermined(),
+            redundant: c.redundant,
             non_smooth: smoothness::is_non_smooth(c) || relay::is_steeply_non_smooth(c, model, form),
             ..System::default()
         };
@@ -503,6 +504,10 @@ pub(crate) fn step(
     if moves || (follows && !polynomial::all_quadratic(c, &mut model.pool)) {
         let why = "one of its storages follows a moving source; the collocation methods of Gauss take that if all energies \
             are quadratic";
+        return Err(Refusal::Unfit(why.into()));
+    }
+    if c.redundant {
+        let why = "constraints of it say the same, which holds at the ends of steps alone";
         return Err(Refusal::Unfit(why.into()));
     }
     c.couple_stiffly(model, form);
