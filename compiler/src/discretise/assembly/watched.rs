@@ -41,7 +41,7 @@ fn one(
             (model.bond(bond).name.clone(), bar.held, form.column(bar.holder).region, -1.0)
         }
     };
-    let behind = behind(form, from, at);
+    let behind = behind(model, form, from, at);
     let region = form.column(column).region;
     let place = clusters.iter().enumerate().find_map(|(i, c)| {
         let entry = c.regions.iter().position(|r| *r == region)?;
@@ -64,14 +64,21 @@ fn one(
     Ok(Watched { name, cluster, entry, sign, stored })
 }
 
-/// The regions on the far side: all that bonds lead to from there.
-fn behind(form: &Form, from: RegionId, at: Meeting) -> Vec<RegionId> {
+/// The regions on the far side: all that bonds and lines lead to from there.
+fn behind(model: &Model, form: &Form, from: RegionId, at: Meeting) -> Vec<RegionId> {
+    let bars = form.bars.iter().filter(|b| at != Meeting::Bar(b.bond));
+    let bars = bars.map(|b| [b.holder, b.held].map(|c| form.column(c).region));
+    let region = |id: crate::model::ElementId| Some(form.column(form.column_of_element[id.at()]?).region);
+    let lines = model.lines.iter().filter_map(|l| match l.ends[..] {
+        [a, b] => Some([region(a)?, region(b)?]),
+        _ => None,
+    });
+    let joined: Vec<[RegionId; 2]> = bars.chain(lines).collect();
     let mut found = vec![from];
     let mut next = 0;
     while let Some(&region) = found.get(next) {
         next += 1;
-        for bar in form.bars.iter().filter(|b| at != Meeting::Bar(b.bond)) {
-            let [a, b] = [bar.holder, bar.held].map(|c| form.column(c).region);
+        for &[a, b] in &joined {
             let other = if a == region { b } else { a };
             if (a == region || b == region) && !found.contains(&other) {
                 found.push(other);
