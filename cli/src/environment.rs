@@ -254,7 +254,8 @@ pub fn act(e: &Environment) -> Result<(), Stop> {
     let version = format!("{} (bond {})", e.scene.name, e.version);
     let command = Line::command().about(about).after_help(told(e)).version(version);
     // Without an open port there is nothing to serve.
-    let command = command.mut_subcommand("serve", |c| c.hide(e.scene.open.is_empty()));
+    let is_closed = e.scene.open.is_empty() && e.scene.waves.is_empty();
+    let command = command.mut_subcommand("serve", |c| c.hide(is_closed));
     let line = match command.try_get_matches_from(arguments::words()).and_then(|m| Line::from_arg_matches(&m)) {
         Ok(line) => line,
         Err(e) => e.exit(),
@@ -301,7 +302,11 @@ fn tell(out: &mut String, e: &Environment) -> std::fmt::Result {
     section(out, "Probes", probes.map(|(name, u)| format!("{name}{}", bracketed(&unit(u)))).collect())?;
     let input = |i: &Input| format!("{} = {}{} where nothing is given", i.name, i.value, unit(&i.unit));
     section(out, "Inputs", scene.inputs.iter().map(input).collect())?;
-    section(out, "Open ports", scene.open.iter().map(|o| port(scene, o)).collect())?;
+    let waves = scene.waves.iter().map(|w| {
+        let period = scene.clusters.get(w.cluster).and_then(|c| c.period).unwrap_or(0.0);
+        format!("{}: carries waves, impedance {}{}, each of {period} s", w.name, w.impedance, unit(&w.unit))
+    });
+    section(out, "Open ports", scene.open.iter().map(|o| port(scene, o)).chain(waves).collect())?;
     section(out, "Set when it was built", e.set.iter().map(|(path, value)| format!("{path} = {value}")).collect())?;
     section(out, "Left out when it was built", e.without.clone())?;
     let mut fixed: Vec<String> = e.method.iter().map(|m| format!("method {m}")).collect();

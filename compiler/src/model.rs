@@ -441,8 +441,8 @@ pub struct Delay {
     pub time: f64,
     /// Of a sampled one, by how many periods the signal state is: one less than the signal.
     pub periods: Option<u32>,
-    /// Whether it is a wave on a line: in a sampled block what went in over an interval comes out over another one.
-    pub wave: bool,
+    /// What it is of.
+    pub of: Delayed,
     /// Where it stands.
     pub span: Span,
 }
@@ -450,17 +450,28 @@ pub struct Delay {
 impl Delay {
     /// Whether it is no more than its signal state.
     pub fn is_state(&self) -> bool {
-        self.periods == Some(0) && !self.wave
+        self.periods == Some(0) && self.of == Delayed::Signal
     }
 }
 
-/// A lossless line, `TL(a, b):line { ... }`.
+/// What is delayed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Delayed {
+    /// A signal.
+    Signal,
+    /// A wave on a line: in a sampled block what went in over an interval comes out over another one.
+    Wave,
+    /// A wave that leaves at an open port: what comes in there is told from outside.
+    Leaving,
+}
+
+/// A lossless line, `TL(a, b):line { ... }`, or an open port that carries waves: half a line.
 #[derive(Clone, Debug)]
 pub struct TransmissionLine {
     /// Its path.
     pub name: String,
-    /// Its ports.
-    pub ends: [ElementId; 2],
+    /// Its ports: two, or the open one.
+    pub ends: Vec<ElementId>,
 }
 
 /// `integral(expr, start)`.

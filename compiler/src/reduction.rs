@@ -264,7 +264,7 @@ impl Removed {
         let gone: Vec<bool> = model.lines.iter().map(|l| l.ends.iter().any(|e| self.elements[e.at()])).collect();
         let lines = numbers(&gone);
         retain(&mut model.lines, &gone);
-        model.lines.iter_mut().for_each(|l| l.ends = l.ends.map(|e| element(e).unwrap_or(e)));
+        model.lines.iter_mut().flat_map(|l| &mut l.ends).for_each(|e| *e = element(*e).unwrap_or(*e));
         model.elements.iter_mut().for_each(|e| e.line = e.line.and_then(|l| lines[l]).map(|l| l as usize));
         retain(&mut model.bonds, &self.bonds);
         for b in &mut model.bonds {

@@ -53,6 +53,34 @@ model Rates {
   simulate { stop = 0.1 s }
 }";
 
+/// A mass that is pushed, and sends on how it moves by waves.
+pub const NEAR: &str = "
+model Near {
+  I:handle { inertia = 0.5 kg; f0 = 1 m/s }
+  Se:hand = 8 N*sin(5 rad/s*t)
+  sampled at 100 Hz {
+    port link { impedance = 20 N*s/m }
+    1:m -> link
+  }
+  hand -> 1:v -> handle
+  v ||> m
+  simulate { stop = 1 s }
+}";
+
+/// A mass between springs, at the other end of the waves.
+pub const FAR: &str = "
+model Far {
+  I:tool = 0.2 kg
+  C:wall { stiffness = 4e3 N/m; q0 = 0.01 m }
+  sampled at 100 Hz {
+    port link { impedance = 20 N*s/m }
+    link -> 1:s
+  }
+  1:w -> tool, wall
+  w ||> s
+  simulate { stop = 1 s }
+}";
+
 /// A spring that is stretched at the start, and another behind a lever, at two open ports.
 pub const TWO: &str = "
 model Two {

@@ -3,11 +3,13 @@
 //! Where devices keep the rules, whatever the line does, they draw no more energy than there was and than they put in,
 //! and none is said to have drawn too much. Where anybody writes packets with the right checksum, what the environment
 //! holds stays finite. What is read is written as it was, and only a key opens what it sealed.
+//!
+//! Two programs that exchange waves let in no more than was sent, also where somebody writes packets beside them.
 #![no_main]
 
 use bond::exchange::{
     Device, DeviceSeal, EFFORT, Effort, Exchange, Heard, Key, LONGEST, LONGEST_SEALED, MEASUREMENT, Measurement,
-    OFFERS, PORTS, Sealed, crc,
+    OFFERS, PORTS, Sealed, WAVES, WaveExchange, Waves, crc,
 };
 use bond::{Compiled, Steps};
 use bond_fuzz::feed::Feed;
@@ -314,6 +316,76 @@ fn strangers(feed: &mut Feed<'_>) {
     assert!(!summary.reasons.iter().any(String::is_empty));
 }
 
+/// Two programs that exchange waves over a line that keeps no rules. Where somebody else writes packets, too, that know
+/// all sessions, what comes in may be anything, and is counted.
+fn programs(feed: &mut Feed<'_>, is_safe: bool) {
+    static ENDS: OnceLock<[Compiled; 2]> = OnceLock::new();
+    let compiled = ENDS.get_or_init(|| [scenes::NEAR, scenes::FAR].map(scenes::compiled));
+    let end = |i: usize| WaveExchange::new(&compiled[i], Steps::new(), SESSION + i as u64, HOLD);
+    let mut ends = [0, 1].map(|i| end(i).unwrap_or_else(|e| panic!("{e}")));
+    let mut lines: [Vec<Waves>; 2] = [vec![], vec![]];
+    for _ in 0..CHOICES {
+        if feed.is_over() {
+            break;
+        }
+        let (choice, i) = (feed.byte() % 8, usize::from(feed.byte() % 2));
+        match choice {
+            0..3 => {
+                // Numbers that overflow may end the run, which is said.
+                if ends[i].tick().is_err() {
+                    assert!(!is_safe);
+                    break;
+                }
+                let packet = *ends[i].waves();
+                keep(&mut lines[i], packet);
+            }
+            3..6 => {
+                if let Some(packet) = feed.one(&lines[i]).copied() {
+                    ends[1 - i].hear(&packet);
+                }
+            }
+            6 => {
+                let packet = *ends[i].waves();
+                keep(&mut lines[i], packet);
+            }
+            _ if is_safe => {}
+            _ => {
+                let mut packet = *ends[i].waves();
+                packet.wave[0] = feed.number();
+                packet.sequence = packet.sequence.saturating_add_signed(i64::from(feed.byte() as i8));
+                match feed.byte() % 8 {
+                    0 => packet.session = feed.word(),
+                    1 => packet.answers = feed.word(),
+                    2 => packet.sequence = feed.word(),
+                    3 => packet.impedance[0] = feed.number(),
+                    4 => packet.sent[0] = feed.number(),
+                    _ => {}
+                }
+                let mut buffer = [0; LONGEST];
+                let n = packet.write(&mut buffer);
+                if let Some(read) = Waves::read(&buffer[..n]) {
+                    assert_eq!(read, packet);
+                    ends[1 - i].hear(&read);
+                }
+                let length = usize::from(feed.byte());
+                let body = feed.bytes(length);
+                if let Some(read) = Waves::read(&self::packet(WAVES, 1, body, bond::exchange::waves_length(1))) {
+                    ends[1 - i].hear(&read);
+                }
+            }
+        }
+        let [a, b] = [0, 1].map(|i| ends[i].energy(0));
+        for (from, to) in [(a, b), (b, a)] {
+            let came = to.received + to.waiting;
+            assert!(!is_safe || came <= from.sent * (1.0 + ROUNDING), "{came} J came in of {from:?}");
+        }
+    }
+    for end in &ends {
+        let summary = end.summary();
+        assert!(!is_safe || summary.passive, "{:?}: {:?}", summary.reasons, end.count());
+    }
+}
+
 fuzz_target!(
     init: {
         let row = |first: u8, step: u8| {
@@ -325,6 +397,11 @@ fuzz_target!(
     },
     |data: &[u8]| {
         let mut feed = Feed(data);
-        if feed.byte().is_multiple_of(2) { devices(&mut feed) } else { strangers(&mut feed) }
+        match feed.byte() % 4 {
+            0 => devices(&mut feed),
+            1 => strangers(&mut feed),
+            2 => programs(&mut feed, true),
+            _ => programs(&mut feed, false),
+        }
     }
 );

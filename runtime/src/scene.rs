@@ -42,6 +42,8 @@ pub struct Scene {
     pub watched: Vec<Watched>,
     /// Lossless lines.
     pub lines: Vec<TransmissionLine>,
+    /// Open ports that carry waves, in order of declaration.
+    pub waves: Vec<WavePort>,
     /// What of the model is not in it, since no probe, open port or expectation depends on it.
     pub left_out: LeftOut,
     /// What its programs were made for.
@@ -310,6 +312,17 @@ impl Entries {
     }
 }
 
+/// What leaves at an end of a line in a sampled region.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Leaving {
+    /// The end, as a place in [`Entries::supplied`].
+    pub source: usize,
+    /// The output of the step that has the wave e + Z f.
+    pub wave: usize,
+    /// What its square is multiplied by for its energy over an interval, J.
+    pub scale: f64,
+}
+
 /// A lossless line: what is on its way in it is what its ends took in.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TransmissionLine {
@@ -322,6 +335,30 @@ pub struct TransmissionLine {
     /// Of a line in continuous time, whose ends are of one cluster: the first input slots there of what comes out at
     /// each end.
     pub out: Option<[usize; 2]>,
+}
+
+/// An open port of a sampled region that carries waves: half a line, the other half of which is in another program.
+///
+/// With f counted into the port, the wave u = (e + Z f) / (2 √Z) leaves, and w = (e - Z f) / (2 √Z) comes in.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct WavePort {
+    /// Its name.
+    pub name: String,
+    /// Its cluster, and which of the delays there.
+    pub cluster: usize,
+    /// Which of [`Cluster::lines`] has what leaves and what comes in.
+    pub line: usize,
+    /// The impedance, SI.
+    pub impedance: f64,
+    /// Its unit.
+    pub unit: Option<String>,
+}
+
+impl WavePort {
+    /// The energy of a wave e + Z f over an interval of this length, J.
+    pub fn energy(&self, wave: f64, period: f64) -> f64 {
+        0.25 * period / self.impedance * wave * wave
+    }
 }
 
 /// Where the parts of a region's ledger are among the outputs of a step.
@@ -352,6 +389,8 @@ pub struct Entries {
     pub met: Vec<usize>,
     /// Which of `supplied` are steered sources, whose values read the scene's own signals, and what that makes them.
     pub steered: Vec<(usize, Steering)>,
+    /// Which of `supplied` are ends of lines, and what leaves there.
+    pub leaving: Vec<Leaving>,
     /// The least that H can be, where there is such a level: what a sampled region has to give is counted from there.
     pub least: f64,
     /// Where heat is stored, or held for others: what of the energy may be drawn as work.
@@ -437,6 +476,12 @@ pub enum Carried {
         /// By how many periods, from 0 on.
         periods: u32,
     },
+    /// Of a sampled one, what a step reports, which leaves at an open port. It has one input slot, for what comes in
+    /// there: told from outside before each interval, and 0 where nothing is.
+    Leaving {
+        /// Which output of [`Cluster::step`].
+        output: usize,
+    },
     /// Of a continuous one, a signal. It has [`SLOTS`] input slots: a polynomial over the step.
     Signal {
         /// Which output of [`Cluster::instant`].
@@ -450,7 +495,7 @@ impl Carried {
     /// How many input slots there are for what arrives.
     pub fn slots(&self) -> usize {
         match self {
-            Carried::State { .. } | Carried::Wave { .. } => 1,
+            Carried::State { .. } | Carried::Wave { .. } | Carried::Leaving { .. } => 1,
             Carried::Signal { .. } => SLOTS,
         }
     }

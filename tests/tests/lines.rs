@@ -164,6 +164,63 @@ fn a_teleoperator_is_passive() {
     assert!(summary.passive, "{:?}", summary.reasons);
 }
 
+/// What is stored at the far end of a line is behind its near end: it may come, and what comes is no more.
+#[test]
+fn what_is_behind_a_line_may_be_drawn() {
+    let compiled = text(
+        "model M {
+           sampled at 1 kHz {
+             Se:hand = 0 N
+             R:grip = 2 N*s/m
+             C:spring { stiffness = 100 N/m; q0 = 0.1 m }
+             TL(a, b):line { impedance = 2 N*s/m; delay = 5 ms }
+             hand -> 1:v -> grip, line.a
+             line.b -> spring
+           }
+           expect passive at hand
+         }",
+    );
+    let mut sim = start(&compiled, Steps::new());
+    finish(&mut sim, 1.0);
+    let summary = sim.summary();
+    close(summary.watched[0].stored, 0.5, 1e-15, "what the spring holds at the start");
+    assert!(summary.watched[0].broken.is_none());
+}
+
+/// With nothing that loses energy and a line that is too stiff for what moves it, the bars let go, and a hold adds to
+/// steps: what leaves into the line is shortened, so that it takes no more than there is.
+#[test]
+fn what_holds_add_does_not_go_into_a_line() {
+    for (delay, k, z) in [(10, 10.0, 200.0), (200, 4000.0, 20.0), (200, 1e6, 200.0), (1, 4e3, 2e3), (3, 1e6, 50.0)] {
+        let compiled = text(&format!(
+            "model M {{
+               I:master {{ inertia = 0.5 kg; f0 = 1 m/s }}
+               I:slave = 0.2 kg
+               C:wall {{ stiffness = {k} N/m }}
+               sampled at 1 kHz {{
+                 TL(a, b):line {{ impedance = {z} N*s/m; delay = {delay} ms }}
+                 1:m -> line.a
+                 line.b -> 1:s
+               }}
+               1:v -> master
+               1:w -> slave, wall
+               v ||> m
+               w ||> s
+               probe h = master.H + slave.H + wall.H
+             }}"
+        ));
+        let mut sim = start(&compiled, Steps::new());
+        for k in 1..=2000 {
+            advance(&mut sim, f64::from(k) * 1e-3);
+            let all = probe(&mut sim, "h") + sim.summary().lines[0].energy;
+            assert!(all <= 0.25 * (1.0 + 1e-9), "{all} J of 0.25 J at {k} ms, {delay} ms {z} N s/m");
+        }
+        let summary = sim.summary();
+        assert!(summary.passive, "{:?}", summary.reasons);
+        assert!(summary.lines[0].energy > 0.01, "{:?}", summary.lines);
+    }
+}
+
 #[test]
 fn what_is_no_line() {
     let first = |body: &str| {

@@ -59,4 +59,5 @@ mod switching;
 mod units_scaled;
 mod values;
 mod verdict;
+mod waves;
 mod whole;

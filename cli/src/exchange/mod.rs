@@ -9,12 +9,14 @@ mod device;
 mod packet;
 mod promise;
 mod seal;
+mod waves;
 
 pub use device::Device;
 pub use packet::{
-    EFFORT, END, Effort, LATE, LONGEST, MEASUREMENT, MISSING, Measurement, PORTS, SILENT, crc, effort_length,
-    measurement_length,
+    EFFORT, END, Effort, LATE, LONGEST, MEASUREMENT, MISSING, Measurement, PORTS, SILENT, WAVES, Waves, crc,
+    effort_length, measurement_length, waves_length,
 };
+pub use waves::{WaveCount, WaveEnergy, WaveExchange};
 
 pub use seal::{DeviceSeal, Key, KeyError, LONGEST_SEALED, SEALED, SEALED_VERSION, Sealed, sealed_length};
 
@@ -48,6 +50,12 @@ pub enum Unfit {
     /// Ports whose values are held differently late.
     #[error("the open ports `{}` and `{}` have latencies of {} s and {} s; all must have one", .0.0, .1.0, .0.1, .1.1)]
     Latencies((String, f64), (String, f64)),
+    /// Ports that carry waves beside ports that hold values.
+    #[error(
+        "the open port `{0}` carries waves to another program, and `{1}` holds values for a device; a scene is served \
+        with one kind alone"
+    )]
+    Mixed(String, String),
     /// More than a packet holds.
     #[error("there are {0} open ports, and at most {PORTS} are served")]
     Many(usize),
@@ -70,6 +78,8 @@ pub enum Heard {
     Twice,
     /// A later one came before it.
     Overtaken,
+    /// It is of a program that has not heard of this one.
+    Asks,
     /// It is of another session or has other ports, comes from a restarted device, or has impossible numbers.
     Foreign,
 }
@@ -354,7 +364,7 @@ impl Exchange<'_> {
             Heard::New => {}
             Heard::Twice => self.count.twice += 1,
             Heard::Overtaken => self.count.overtaken += 1,
-            Heard::Foreign => self.count.foreign += 1,
+            Heard::Foreign | Heard::Asks => self.count.foreign += 1,
         }
         heard
     }
@@ -507,6 +517,9 @@ fn period(scene: &Scene) -> Result<f64, Unfit> {
     }
     if scene.open.len() > PORTS {
         return Err(Unfit::Many(scene.open.len()));
+    }
+    if let (Some(wave), Some(open)) = (scene.waves.first(), scene.open.first()) {
+        return Err(Unfit::Mixed(wave.name.clone(), open.name.clone()));
     }
     first.map(|f| f.1).ok_or_else(|| Unfit::None(scene.name.clone()))
 }

@@ -1,5 +1,5 @@
-//! What goes over the line: measurements in, efforts out. All numbers are little-endian; `docs/serve.md` has the
-//! layout.
+//! What goes over the line: measurements in, efforts out; waves both ways. All numbers are little-endian;
+//! `docs/serve.md` has the layout.
 
 /// Most ports that a line serves.
 pub const PORTS: usize = 64;
@@ -7,6 +7,8 @@ pub const PORTS: usize = 64;
 pub const MEASUREMENT: [u8; 4] = *b"BNDM";
 /// The first bytes of an effort.
 pub const EFFORT: [u8; 4] = *b"BNDE";
+/// The first bytes of a packet of waves.
+pub const WAVES: [u8; 4] = *b"BNDW";
 /// Bytes of the longest packet.
 pub const LONGEST: usize = 56 + 24 * PORTS;
 
@@ -63,6 +65,45 @@ pub struct Effort {
     pub group: [u64; PORTS],
 }
 
+/// The waves that a program sends at the end of an interval, to another program.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Waves {
+    /// The sender's session; a later run of it has a higher number.
+    pub session: u64,
+    /// The session of the other program that it answers; 0 before it knows one.
+    pub answers: u64,
+    /// Its number: how many intervals have ended; 0 before the first one.
+    pub sequence: u64,
+    /// Length of an interval, s.
+    pub period: f64,
+    /// [`END`].
+    pub status: u32,
+    /// How many ports.
+    pub ports: usize,
+    /// The impedance Z of each port.
+    pub impedance: [f64; PORTS],
+    /// The wave e + Z f that left each port over the interval, f counted into the port.
+    pub wave: [f64; PORTS],
+    /// The energy that left each port by waves since the start of the sender, J, this one included.
+    pub sent: [f64; PORTS],
+}
+
+impl Default for Waves {
+    fn default() -> Self {
+        Self {
+            session: 0,
+            answers: 0,
+            sequence: 0,
+            period: 0.0,
+            status: 0,
+            ports: 0,
+            impedance: [0.0; PORTS],
+            wave: [0.0; PORTS],
+            sent: [0.0; PORTS],
+        }
+    }
+}
+
 impl Default for Measurement {
     fn default() -> Self {
         Self { session: 0, sequence: 0, echo: 0, wait: 0.0, ports: 0, q: [0.0; PORTS], w: [0.0; PORTS] }
@@ -94,6 +135,11 @@ pub fn measurement_length(ports: usize) -> usize {
 /// Bytes of an effort with this number of ports.
 pub fn effort_length(ports: usize) -> usize {
     56 + 24 * ports
+}
+
+/// Bytes of a packet of waves with this number of ports.
+pub fn waves_length(ports: usize) -> usize {
+    48 + 24 * ports
 }
 
 /// CRC-32 as zlib, PNG and Ethernet have it.
@@ -252,6 +298,38 @@ impl Effort {
     }
 }
 
+impl Waves {
+    /// Writes it into a buffer of [`LONGEST`] bytes; its length.
+    pub fn write(&self, to: &mut [u8]) -> usize {
+        let ports = self.ports.min(PORTS);
+        let mut w = Writer { to, at: 0 };
+        w.put(WAVES);
+        w.put((ports as u32).to_le_bytes());
+        for x in [self.session, self.answers, self.sequence] {
+            w.put(x.to_le_bytes());
+        }
+        w.put(self.period.to_le_bytes());
+        for list in [&self.impedance, &self.wave, &self.sent] {
+            w.numbers(&list[..ports]);
+        }
+        w.put(self.status.to_le_bytes());
+        w.seal()
+    }
+
+    /// Reads one; `None` for anything else, and for numbers that no wave has: what is not finite, beyond 1e150, or an
+    /// energy below 0.
+    pub fn read(bytes: &[u8]) -> Option<Self> {
+        let (mut r, ports) = body(bytes, WAVES, waves_length)?;
+        let [session, answers, sequence] = [(); 3].map(|()| u64::from_le_bytes(r.take()));
+        let period = r.number();
+        let [impedance, wave, sent] = [(); 3].map(|()| r.numbers(ports));
+        let status = u32::from_le_bytes(r.take());
+        let small = impedance.iter().chain(&wave).chain(&sent).chain([&period]).all(|x| x.abs() <= LARGEST_SUM);
+        let sound = small && sent.iter().all(|x| *x >= 0.0);
+        sound.then_some(Self { session, answers, sequence, period, status, ports, impedance, wave, sent })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -290,7 +368,38 @@ mod tests {
             assert_eq!(n, effort_length(ports));
             assert_eq!(Effort::read(&buffer[..n]), Some(e));
             assert_eq!(Measurement::read(&buffer[..n]), None);
+            let mut x =
+                Waves { session: 3, answers: 4, sequence: 5, period: 1e-3, status: END, ports, ..Waves::default() };
+            for i in 0..ports {
+                (x.impedance[i], x.wave[i], x.sent[i]) = (1.0 + i as f64, -(i as f64) / 3.0, i as f64 / 9.0);
+            }
+            let n = x.write(&mut buffer);
+            assert_eq!(n, waves_length(ports));
+            assert_eq!((Waves::read(&buffer[..n]), Effort::read(&buffer[..n])), (Some(x), None));
+            for at in 0..n {
+                let mut wrong = buffer;
+                wrong[at] ^= 0x10;
+                assert_eq!(Waves::read(&wrong[..n]), None, "byte {at}");
+            }
         }
+    }
+
+    #[test]
+    fn waves_that_are_none() {
+        let reads = |change: fn(&mut Waves, f64), x: f64| {
+            let mut waves = Waves { session: 1, ports: 2, period: 1e-3, ..Waves::default() };
+            change(&mut waves, x);
+            let mut buffer = [0; LONGEST];
+            let n = waves.write(&mut buffer);
+            Waves::read(&buffer[..n]) == Some(waves)
+        };
+        for change in
+            [|w: &mut Waves, x| w.wave[1] = x, |w: &mut Waves, x| w.sent[0] = x, |w: &mut Waves, x| w.period = x]
+        {
+            assert!(reads(change, 1.0));
+            assert!(!reads(change, f64::NAN) && !reads(change, f64::INFINITY) && !reads(change, 1e200));
+        }
+        assert!(reads(|w, x| w.wave[0] = x, -1.0) && !reads(|w, x| w.sent[0] = x, -1.0));
     }
 
     /// By a number that is none an effort would never end, or would be no effort.

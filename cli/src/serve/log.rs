@@ -1,10 +1,10 @@
 //! The ledger of an exchange, interval by interval: written by a thread of its own.
 
+use super::Meeting;
 use crate::column::{Cell, Column, Kind};
 use crate::stop::Stop;
 use crate::table::{Table, possible};
-use bond::exchange::{Exchange, LATE, MISSING, PORTS, SILENT};
-use bond_runtime::scene::Scene;
+use bond::exchange::PORTS;
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::path::Path;
 use std::thread::JoinHandle;
@@ -15,14 +15,29 @@ const ROWS_QUEUED: usize = 8192;
 
 /// An interval.
 #[derive(Clone, Copy)]
-struct Row {
-    time: f64,
-    status: u32,
-    energy: f64,
-    stored: f64,
-    held: [f64; PORTS],
-    place: [f64; PORTS],
+pub struct Row {
+    /// What is known of the interval and the line.
+    pub head: [f64; 6],
+    /// How many ports.
+    pub count: usize,
+    /// Two numbers of each port.
+    pub ports: [[f64; 2]; PORTS],
 }
+
+/// The names of the columns.
+pub struct Names {
+    /// Those of [`Row::head`].
+    pub head: [&'static str; 6],
+    /// What follows a port's name in those of [`Row::ports`].
+    pub of_port: [&'static str; 2],
+}
+
+/// Those of an exchange with a device.
+pub const OF_DEVICE: Names =
+    Names { head: ["t", "missing", "late", "silent", "energy", "stored"], of_port: ["held", "moved"] };
+/// Those of an exchange of waves.
+pub const OF_WAVES: Names =
+    Names { head: ["t", "missing", "waiting", "sent", "received", "lost"], of_port: ["out", "in"] };
 
 /// The table, as the loop sees it.
 pub struct Log {
@@ -36,25 +51,22 @@ impl Log {
     ///
     /// # Errors
     /// A file that cannot be made.
-    pub fn new(path: &Path, scene: &Scene) -> Result<Self, Stop> {
-        let head = ["t", "missing", "late", "silent", "energy", "stored"].map(String::from).into_iter();
-        let ports = scene.open.iter().flat_map(|o| [format!("{}.held", o.name), format!("{}.moved", o.name)]);
+    pub fn new(path: &Path, of: &Names, ports: &[&str]) -> Result<Self, Stop> {
+        let head = of.head.map(String::from).into_iter();
+        let ports = ports.iter().flat_map(|port| of.of_port.map(|what| format!("{port}.{what}")));
         let names: Vec<String> = head.chain(ports).collect();
         let columns: Vec<Column> = names.iter().map(|name| Column::new(name, Kind::Number)).collect();
         possible(path)?;
         let table = Table::new(path, &columns)?;
         let (rows, taken) = RingBuffer::new(ROWS_QUEUED);
-        let ports = scene.open.len();
-        let thread = std::thread::spawn(move || write(table, taken, ports));
+        let thread = std::thread::spawn(move || write(table, taken));
         Ok(Self { rows, thread, lost: 0 })
     }
 
     /// Adds the interval that begins now, and what is known of the one before.
-    pub fn add(&mut self, exchange: &Exchange<'_>) {
-        let e = exchange.effort();
-        let mut place = [0.0; PORTS];
-        place.iter_mut().enumerate().take(e.ports).for_each(|(i, x)| *x = exchange.place(i));
-        let row = Row { time: e.time, status: e.status, energy: exchange.energy(), stored: e.stored, held: e.v, place };
+    pub fn add(&mut self, with: &dyn Meeting) {
+        let mut row = Row { head: [0.0; 6], count: 0, ports: [[0.0; 2]; PORTS] };
+        with.row(&mut row);
         self.lost += u64::from(self.rows.push(row).is_err());
     }
 
@@ -73,15 +85,13 @@ impl Log {
     }
 }
 
-fn write(mut table: Table, mut rows: Consumer<Row>, ports: usize) -> Result<Table, Stop> {
+fn write(mut table: Table, mut rows: Consumer<Row>) -> Result<Table, Stop> {
     loop {
         // Asked before the last look, so that nothing is missed.
         let over = rows.is_abandoned();
         while let Ok(r) = rows.pop() {
-            let flag = |bit: u32| f64::from(u8::from(r.status & bit != 0));
-            let head = [r.time, flag(MISSING), flag(LATE), flag(SILENT), r.energy, r.stored];
-            let both = (0..ports).flat_map(|i| [r.held[i], r.place[i]]);
-            table.row(head.into_iter().chain(both).map(Cell::Number))?;
+            let ports = r.ports.into_iter().take(r.count).flatten();
+            table.row(r.head.into_iter().chain(ports).map(Cell::Number))?;
         }
         if over {
             return Ok(table);

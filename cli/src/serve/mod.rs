@@ -2,6 +2,7 @@
 
 mod arrival;
 pub mod clock;
+mod device;
 pub mod link;
 mod listener;
 pub mod log;
@@ -11,25 +12,21 @@ mod pipe;
 pub mod report;
 mod shared;
 mod udp;
+mod wave_link;
 
+pub use device::DeviceMeeting;
 pub use listener::Who;
 pub use pipe::Pipe;
 pub use shared::Shared;
 pub use udp::Udp;
+pub use wave_link::WaveMeeting;
 
 use crate::stop::Stop;
-use arrival::{EFFORTS_KEPT, MEASUREMENTS_QUEUED};
 use bond::RunError;
-use bond::exchange::{Exchange, Heard};
-use link::Link;
-use log::Log;
+use log::{Log, Row};
 use meter::Meter;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// A device of which nothing new is heard for so long, ns, has left, and another may join.
-const GONE: f64 = 1e9;
-/// At least so many intervals, of which each has a measurement.
-const GONE_INTERVALS: f64 = 2.0;
 /// How often the last packet is sent, if it may be lost.
 const FAREWELLS: u32 = 3;
 
@@ -71,80 +68,77 @@ pub struct End {
     pub broken: Option<Stop>,
 }
 
-/// A running exchange.
-struct Loop<'a, 'b> {
-    exchange: &'a mut Exchange<'b>,
-    link: &'a mut Link,
-    sent: Vec<u64>,
-    times: Times,
-    /// When something new was heard, and how long after that the device has left, ns.
-    heard: u64,
-    patience: u64,
+/// A scene and who is at the other end of its line.
+pub trait Meeting {
+    /// Length of an interval, s.
+    fn period(&self) -> f64;
+    /// How long after the start of an interval what was found is sent, s.
+    fn latency(&self) -> f64;
+    /// Sends what belongs to the interval that begins.
+    ///
+    /// # Errors
+    /// A line that is broken.
+    fn send(&mut self) -> Result<(), Stop>;
+    /// Says that this end is there, while the other one is waited for.
+    ///
+    /// # Errors
+    /// A line that is broken.
+    fn call(&mut self) -> Result<(), Stop>;
+    /// Takes in what came, a bounded number of packets; whether something new did. `round` is told of round trips.
+    ///
+    /// # Errors
+    /// A line that is broken.
+    fn hear(&mut self, round: &mut Meter) -> Result<bool, Stop>;
+    /// Ends an interval, and begins the next one.
+    ///
+    /// # Errors
+    /// A step that fails.
+    fn tick(&mut self) -> Result<(), RunError>;
+    /// Whether the other end has gone for good.
+    fn is_over(&self) -> bool;
+    /// Ends the exchange.
+    fn end(&mut self);
+    /// Whether a packet may be lost, so that the last one is sent several times.
+    fn has_farewell(&self) -> bool;
+    /// Sends the last packet.
+    fn farewell(&mut self);
+    /// What the ledger has of the interval that begins.
+    fn row(&self, row: &mut Row);
 }
 
-impl Loop<'_, '_> {
-    /// Whether no device is there, so that one may join.
-    fn is_vacant(&self) -> bool {
-        let gone = || clock::now().saturating_sub(self.heard) > self.patience;
-        self.link.changes_hands() && (!self.exchange.is_joined() || gone())
-    }
+/// A meeting that runs.
+struct Loop<'a> {
+    with: &'a mut dyn Meeting,
+    times: Times,
+}
 
-    /// Sends what is held.
-    fn send(&mut self) -> Result<(), Stop> {
-        self.sent[(self.exchange.effort().sequence % EFFORTS_KEPT as u64) as usize] = clock::now();
-        self.link.send(self.exchange, self.is_vacant())
-    }
-
-    /// Takes in what came, a bounded number of packets; whether something new did.
+impl Loop<'_> {
     fn hear(&mut self) -> Result<bool, Stop> {
-        let mut new = false;
-        for _ in 0..MEASUREMENTS_QUEUED {
-            let vacant = self.is_vacant();
-            let Some(arrival) = self.link.receive(vacant)? else { break };
-            let m = &arrival.measurement;
-            // A device that knows no session says that it is there.
-            if m.session == 0 {
-                continue;
-            }
-            let joins = vacant && m.session > self.exchange.effort().session;
-            let heard = if joins { self.exchange.join(m) } else { self.exchange.hear(m) };
-            if heard != Heard::New {
-                continue;
-            }
-            new = true;
-            self.heard = arrival.at;
-            self.link.accept();
-            // What is offered is no effort of an interval, and is not timed.
-            if m.echo > 0 && m.echo + (EFFORTS_KEPT as u64) > self.exchange.effort().sequence {
-                let sent = self.sent[(m.echo % EFFORTS_KEPT as u64) as usize];
-                let waited = (m.wait.max(0.0) * 1e9) as u64;
-                self.times.round.add(arrival.at.saturating_sub(sent).saturating_sub(waited));
-            }
-        }
-        Ok(new)
+        self.with.hear(&mut self.times.round)
     }
 
-    /// Waits until a device joins; whether one does before the end.
+    /// Waits until somebody is there; whether that is before the end.
     fn meet(&mut self, period: u64, end: u64, asked: &AtomicBool) -> Result<bool, Stop> {
-        self.send()?;
+        self.with.send()?;
         loop {
             if self.hear()? {
-                // The time until the device joins is not a round trip.
+                // The time until the other end joins is not a round trip.
                 self.times.round = Meter::new();
                 return Ok(true);
             }
             let now = clock::now();
-            if asked.load(Ordering::Relaxed) || self.link.is_over() || now >= end {
+            if asked.load(Ordering::Relaxed) || self.with.is_over() || now >= end {
                 return Ok(false);
             }
+            self.with.call()?;
             clock::sleep_until(end.min(now + period.min(1_000_000)));
         }
     }
 
-    /// Waits for a measurement, with no clock; whether one came.
+    /// Waits for what the interval needs, with no clock; whether it came.
     fn wait(&mut self, asked: &AtomicBool) -> Result<bool, Stop> {
         loop {
-            let over = self.link.is_over();
+            let over = self.with.is_over();
             if self.hear()? {
                 return Ok(true);
             }
@@ -157,19 +151,17 @@ impl Loop<'_, '_> {
 }
 
 /// Exchanges until the end.
-pub fn serve(exchange: &mut Exchange<'_>, link: &mut Link, log: Option<&mut Log>, until: &Until<'_>) -> End {
-    let period = exchange.period() * 1e9;
+pub fn serve(with: &mut dyn Meeting, log: Option<&mut Log>, until: &Until<'_>) -> End {
+    let period = with.period() * 1e9;
     let [lateness, step, work, round] = [(); 4].map(|()| Meter::new());
     let times = Times { lateness, step, work, round, missed: 0, own: 0, wall: 0.0 };
     let mut start = clock::now();
-    let patience = GONE.max(GONE_INTERVALS * period) as u64;
-    let mut l = Loop { exchange, link, sent: vec![0; EFFORTS_KEPT], times, heard: start, patience };
+    let mut l = Loop { with, times };
     let result = l.go(period, &mut start, log, until);
     l.times.wall = (clock::now() - start) as f64 / 1e9;
-    l.exchange.end();
-    for _ in 0..if l.link.changes_hands() && result.is_ok() { FAREWELLS } else { 0 } {
-        // Who does not hear it any more needs no farewell.
-        let _ = l.link.send(l.exchange, false);
+    l.with.end();
+    for _ in 0..if l.with.has_farewell() && result.is_ok() { FAREWELLS } else { 0 } {
+        l.with.farewell();
     }
     let (failure, broken) = match result {
         Ok(failure) => (failure, None),
@@ -178,7 +170,7 @@ pub fn serve(exchange: &mut Exchange<'_>, link: &mut Link, log: Option<&mut Log>
     End { times: l.times, failure, broken }
 }
 
-impl Loop<'_, '_> {
+impl Loop<'_> {
     /// Goes on until the end: the step that failed, if one did. `start` becomes that of the first interval.
     ///
     /// # Errors
@@ -192,7 +184,7 @@ impl Loop<'_, '_> {
     ) -> Result<Option<RunError>, Stop> {
         let l = self;
         if let Some(log) = &mut log {
-            log.add(l.exchange);
+            log.add(&*l.with);
         }
         let span = until.duration.map(|t| t * 1e9);
         let end = span.filter(|_| !until.lockstep).map_or(u64::MAX, |t| start.saturating_add(t as u64));
@@ -218,19 +210,19 @@ impl Loop<'_, '_> {
                 deadline
             };
             let woken = clock::now();
-            let over = l.link.is_over();
+            let over = l.with.is_over();
             l.hear()?;
             let (begun, worked) = (clock::now(), clock::worked());
-            if let Err(e) = l.exchange.tick() {
+            if let Err(e) = l.with.tick() {
                 return Ok(Some(e));
             }
             let (worked, stepped) = (clock::worked() - worked, clock::now());
-            let latency = (l.exchange.latency() * 1e9).round() as u64;
+            let latency = (l.with.latency() * 1e9).round() as u64;
             if latency > 0 && !until.lockstep {
                 clock::sleep_until(deadline + latency);
             }
             let sending = clock::now();
-            l.send()?;
+            l.with.send()?;
             let done = clock::now() - (sending - stepped);
             l.times.lateness.add(woken.saturating_sub(deadline));
             l.times.step.add(stepped - begun);
@@ -243,7 +235,7 @@ impl Loop<'_, '_> {
                 l.times.own += u64::from(worked as f64 > allowed);
             }
             if let Some(log) = &mut log {
-                log.add(l.exchange);
+                log.add(&*l.with);
             }
             if over {
                 break;

@@ -18,6 +18,15 @@ impl Peer {
     pub fn is_at(&self, from: SocketAddr) -> bool {
         self.ip == from.ip().to_canonical() && self.port.is_none_or(|port| port == from.port())
     }
+
+    /// Where it is, if its port is known, as a socket of either kind of addresses reaches it.
+    pub fn place(&self, is_v6: bool) -> Option<SocketAddr> {
+        let ip = match self.ip {
+            IpAddr::V4(ip) if is_v6 => IpAddr::V6(ip.to_ipv6_mapped()),
+            ip => ip,
+        };
+        self.port.map(|port| SocketAddr::new(ip, port))
+    }
 }
 
 impl std::str::FromStr for Peer {

@@ -20,6 +20,7 @@ mod serve;
 mod show;
 mod strangers;
 mod test;
+mod waves;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

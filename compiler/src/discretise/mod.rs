@@ -15,7 +15,7 @@ pub use steppers::Method;
 
 use crate::Options;
 use crate::expression::Symbol;
-use crate::model::{ElementId, Law, Model, Signal, TransmissionLine, Variable};
+use crate::model::{ElementId, Law, Model, Signal, Variable};
 use crate::structure::{ColumnId, Form, Role};
 use crate::units::Dimension;
 use analysis::sizes::sizes;
@@ -28,6 +28,49 @@ use equations::accounts::{self, Accounts};
 use rustc_hash::FxHashMap;
 use steppers::{ASKED, NAMED};
 
+/// Where an end of a line is booked: the cluster, which of its entries, and which of `supplied` there; `home` is the
+/// cluster of each region.
+fn end_of_line(
+    model: &Model,
+    form: &Form,
+    (clusters, home): (&[cluster::Cluster], &[usize]),
+    id: ElementId,
+) -> Option<(usize, usize, usize)> {
+    let column = form.column_of_element[id.at()]?;
+    let home = home[form.column(column).region.at()];
+    let all = clusters[home].accounts(model, form);
+    let place = |(k, a): (usize, &Accounts)| Some((k, a.supplied.iter().position(|c| *c == column)?));
+    all.iter().enumerate().find_map(place).map(|(k, at)| (home, k, at))
+}
+
+/// What leaves at the ends of lines of sampled regions, as their accounts have it.
+fn leaving(
+    model: &mut Model,
+    form: &Form,
+    (clusters, home): (&[cluster::Cluster], &[usize]),
+    written: &mut [scene::Cluster],
+) {
+    for l in &model.lines.clone() {
+        for (i, end) in l.ends.iter().enumerate() {
+            let place = end_of_line(model, form, (clusters, home), *end);
+            // What leaves here comes out at the other end; of an open port it is told by what comes in there.
+            let far = l.ends[l.ends.len() - 1 - i];
+            let (Some((cluster, entry, source)), Some((admittance, symbol))) = (place, comes_out(model, far)) else {
+                continue;
+            };
+            let c = &mut written[cluster];
+            let line = clusters[cluster].lines.iter().position(|line| line.symbol == symbol);
+            let carried = line.map(|at| c.lines[at].carried);
+            let Some(scene::Carried::Wave { output: wave, .. } | scene::Carried::Leaving { output: wave }) = carried
+            else {
+                continue;
+            };
+            let scale = 0.25 * admittance * c.period.unwrap_or(0.0);
+            c.entries[entry].leaving.push(scene::Leaving { source, wave, scale });
+        }
+    }
+}
+
 /// The lossless lines; `home` is the cluster of each region.
 fn lines(
     model: &mut Model,
@@ -37,15 +80,13 @@ fn lines(
 ) -> Vec<scene::TransmissionLine> {
     let mut list = Vec::new();
     for l in &model.lines.clone() {
-        let end = |id: ElementId| {
-            let column = form.column_of_element[id.at()]?;
-            let home = home[form.column(column).region.at()];
-            let all = clusters[home].accounts(model, form);
-            let place = |(k, a): (usize, &Accounts)| Some((k, a.supplied.iter().position(|c| *c == column)?));
-            all.iter().enumerate().find_map(place).map(|(k, at)| (home, k, at))
+        let end = |id: ElementId| end_of_line(model, form, (clusters, home), id);
+        let &[first, second] = &l.ends[..] else { continue };
+        let (Some(a), Some(b)) = (end(first), end(second)) else { continue };
+        let (Some((admittance, first)), Some((_, second))) = (comes_out(model, first), comes_out(model, second)) else {
+            continue;
         };
-        let (Some(a), Some(b)) = (end(l.ends[0]), end(l.ends[1])) else { continue };
-        let Some((admittance, arrives)) = characteristic(model, l) else { continue };
+        let arrives = [first, second];
         let c = &written[a.0];
         let slot = |symbol: Symbol| {
             let at = clusters[a.0].lines.iter().position(|line| line.symbol == symbol)?;
@@ -61,17 +102,29 @@ fn lines(
     list
 }
 
-/// One over the impedance of a line, and what comes out at its ends.
-fn characteristic(model: &mut Model, line: &TransmissionLine) -> Option<(f64, [Symbol; 2])> {
-    let mut of = |end: ElementId| {
-        let Law::Resistor(law) = &model.element(end).law else { return None };
-        let (output, argument) = (law.output, law.argument);
-        let slope = model.pool.derivative(output, argument);
-        let is_delay = |s: &Symbol| matches!(model.signals.get(s), Some(Signal::Delay(_)));
-        Some((model.pool.constant(slope)?, model.pool.symbols(output).into_iter().find(is_delay)?))
-    };
-    let ((admittance, a), (_, b)) = (of(line.ends[0])?, of(line.ends[1])?);
-    Some((admittance, [a, b]))
+/// One over the impedance at an end of a line, and what comes out there.
+fn comes_out(model: &mut Model, end: ElementId) -> Option<(f64, Symbol)> {
+    let Law::Resistor(law) = &model.element(end).law else { return None };
+    let (output, argument) = (law.output, law.argument);
+    let slope = model.pool.derivative(output, argument);
+    let is_delay = |s: &Symbol| matches!(model.signals.get(s), Some(Signal::Delay(_)));
+    Some((model.pool.constant(slope)?, model.pool.symbols(output).into_iter().find(is_delay)?))
+}
+
+/// The open ports that carry waves.
+fn waves(model: &mut Model, form: &Form, clusters: &[cluster::Cluster]) -> Vec<scene::WavePort> {
+    let mut list = Vec::new();
+    for l in &model.lines.clone() {
+        let &[end] = &l.ends[..] else { continue };
+        let Some((admittance, symbol)) = comes_out(model, end) else { continue };
+        let mut place = clusters.iter().enumerate();
+        let place = place.find_map(|(c, x)| Some((c, x.lines.iter().position(|line| line.symbol == symbol)?)));
+        let (Some((cluster, line)), Some(column)) = (place, form.column_of_element[end.at()]) else { continue };
+        let (effort, flow) = model.units.get(form.column(column).bond.at()).copied().unwrap_or_default();
+        let unit = effort.zip(flow).map(|(e, f)| e.div(f).to_string());
+        list.push(scene::WavePort { name: l.name.clone(), cluster, line, impedance: 1.0 / admittance, unit });
+    }
+    list
 }
 
 /// The method that the user or the model names.
@@ -164,7 +217,9 @@ pub fn discretise(
         clusters.iter().enumerate().flat_map(|(i, c)| c.ports.iter().enumerate().map(move |(p, id)| (*id, (i, p))));
     let ports: FxHashMap<ColumnId, (usize, usize)> = ports.collect();
     let port_of = |column: ColumnId| ports.get(&column).copied();
+    leaving(model, form, (&clusters, &home), &mut scene.clusters);
     scene.lines = lines(model, form, (&clusters, &home), &scene.clusters);
+    scene.waves = waves(model, form, &clusters);
     for bar in &form.bars {
         let (Some(holder), Some(other)) = (port_of(bar.holder), port_of(bar.held)) else { continue };
         let answer = form.column(bar.holder).gives;

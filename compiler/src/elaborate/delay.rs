@@ -2,7 +2,7 @@
 
 use super::{Elaborator, Mode, ScopeId, Typed, Unit, told};
 use crate::expression::{Expr, Symbol};
-use crate::model::{Delay, Memory, Signal};
+use crate::model::{self, Delay, Memory, Signal};
 use crate::units::Dimension;
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
@@ -23,15 +23,17 @@ pub(super) struct Delayed {
     /// Of one in a sampled block: the block, by how many periods the signal is delayed, and the number among the signal
     /// states of that which keeps the signal for the first of them.
     sampled: Option<(usize, u32, usize)>,
-    /// A wave on a line: in a sampled block what it was over an interval, and no signal state.
-    wave: bool,
+    /// A wave is in a sampled block what it was over an interval, and no signal state.
+    of: model::Delayed,
+    /// Its own name, where it has one.
+    own: Option<String>,
     span: Span,
 }
 
 impl Delayed {
     /// Its name, where it is the one with this number.
     pub(super) fn name(&self, i: usize) -> String {
-        format!("delay[{}]", i + 1)
+        self.own.clone().unwrap_or_else(|| format!("delay[{}]", i + 1))
     }
 }
 
@@ -86,7 +88,7 @@ impl<'a> Elaborator<'a> {
             Some(block) => Some((block, self.whole_periods(block, time, time_ast.span)?)),
         };
         let like = |d: &Delayed| {
-            !d.wave
+            d.of == model::Delayed::Signal
                 && d.signal == signal.expr
                 && (d.time, d.start) == (time, start)
                 && d.sampled.map(|s| (s.0, s.1)) == periods
@@ -99,7 +101,8 @@ impl<'a> Elaborator<'a> {
                 (block, n, self.remember(name, Some(block)))
             });
             let unit = unit.clone();
-            self.delays.push(Delayed { signal: signal.expr, unit, time, start, sampled, wave: false, span });
+            let of = model::Delayed::Signal;
+            self.delays.push(Delayed { signal: signal.expr, unit, time, start, sampled, of, own: None, span });
             self.delays.len() - 1
         });
         let symbol = match self.delays[i].sampled {
@@ -111,15 +114,24 @@ impl<'a> Elaborator<'a> {
 
     /// What a wave was some time ago that goes into a line: the symbol of what comes out of it.
     pub(crate) fn wave(&mut self, wave: Expr, unit: Unit, time: f64, span: Span) -> Option<Symbol> {
-        if let Some(i) = self.delays.iter().position(|d| d.wave && d.signal == wave) {
+        let of = model::Delayed::Wave;
+        if let Some(i) = self.delays.iter().position(|d| d.of == of && d.signal == wave) {
             return Some(self.signal(Signal::Delay(i)));
         }
         let sampled = match self.sampling {
             None => None,
             Some(block) => Some((block, self.whole_periods(block, time, span)?, usize::MAX)),
         };
-        self.delays.push(Delayed { signal: wave, unit, time, start: 0.0, sampled, wave: true, span });
+        self.delays.push(Delayed { signal: wave, unit, time, start: 0.0, sampled, of, own: None, span });
         Some(self.signal(Signal::Delay(self.delays.len() - 1)))
+    }
+
+    /// The symbol of what comes in from outside at a port of a sampled block, where a wave leaves.
+    pub(crate) fn leaving_wave(&mut self, (name, wave): (&str, Expr), unit: Unit, block: usize, span: Span) -> Symbol {
+        let own = Some(format!("{name}.w"));
+        let (sampled, of) = (Some((block, 1, usize::MAX)), model::Delayed::Leaving);
+        self.delays.push(Delayed { signal: wave, unit, time: 0.0, start: 0.0, sampled, of, own, span });
+        self.signal(Signal::Delay(self.delays.len() - 1))
     }
 
     /// By how many periods of a sampled block a signal is delayed; says so where these are not whole.
@@ -161,7 +173,7 @@ impl<'a> Elaborator<'a> {
             let Delayed { time, start, span, .. } = d;
             let (name, symbol) = (d.name(i), self.signal(Signal::Delay(i)));
             let mut signal = d.signal;
-            let of_state = d.sampled.filter(|_| !d.wave);
+            let of_state = d.sampled.filter(|_| d.of == model::Delayed::Signal);
             if let Some((block, _, state)) = of_state {
                 let name = self.numbers.memory(state).to_string();
                 let symbol = self.signal(Signal::Memory(state));
@@ -170,7 +182,7 @@ impl<'a> Elaborator<'a> {
                 signal = self.pool.var(symbol);
             }
             let periods = d.sampled.map(|s| s.1 - 1);
-            delays.push(Delay { name, symbol, signal, start, time, periods, wave: d.wave, span });
+            delays.push(Delay { name, symbol, signal, start, time, periods, of: d.of, span });
         }
         (delays, states)
     }

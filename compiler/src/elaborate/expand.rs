@@ -793,6 +793,9 @@ impl<'a> Elaborator<'a> {
                     field: None,
                 });
                 self.open_ports.push((id, fields, scope));
+                if fields.iter().any(|f| f.name() == "impedance") {
+                    self.wave_ports.push(id);
+                }
             }
             return;
         }

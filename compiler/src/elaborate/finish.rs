@@ -75,11 +75,11 @@ impl<'a> Elaborator<'a> {
         let bond_units = self.domain_of.iter().map(|&d| (known(&Unit::effort(d)), known(&Unit::flow(d)))).collect();
         let pseudo = self.domain_of.iter().map(|&d| units.pseudo[d]).collect();
         let is_line = |f: &&super::FieldDecl<'_>| f.ast.kind.text == "TL";
-        let lines = self.fields.iter().filter(is_line).filter_map(|f| match f.members[..] {
-            [a, b] => Some(TransmissionLine { name: f.name.clone(), ends: [a, b] }),
-            _ => None,
-        });
-        let lines = lines.collect();
+        let line = |name: &str, ends: Vec<ElementId>| TransmissionLine { name: name.into(), ends };
+        let whole = self.fields.iter().filter(is_line).map(|f| line(&f.name, f.members.clone()));
+        // Half lines come after these.
+        let half = self.wave_ports.iter().map(|id| line(&self.elements[id.at()].name, vec![*id]));
+        let lines = whole.chain(half).collect();
         self.fields.retain(|f| f.ast.kind.text != "TL");
         let model = Model {
             lines,
@@ -262,7 +262,7 @@ impl<'a> Elaborator<'a> {
             (Kind::OnePort(OnePort::Open), _) => {
                 let fields = self.open_ports.iter().find(|p| p.0 == id).map(|p| (p.1, p.2));
                 let (fields, scope) = fields?;
-                Law::Port(self.open_port(fields, scope, bonds.first().copied()?)?)
+                self.open_port(id, (fields, scope), bonds.first().copied()?)?
             }
             (Kind::OnePort(OnePort::Source(_)), Some(ast)) => {
                 Law::Source(self.source(ast, scope, kind, bonds.first().copied()?)?)
@@ -287,7 +287,8 @@ impl<'a> Elaborator<'a> {
         let (name, sampling) = (decl.name.clone(), decl.sampling);
         let is_line = |f: usize| self.fields[f].ast.kind.text == "TL";
         let before = |f: usize, lines: bool| (0..f).filter(|f| is_line(*f) == lines).count();
-        let line = field.filter(|f| is_line(f.0)).map(|f| before(f.0, true));
+        let half = self.wave_ports.iter().position(|x| *x == id).map(|k| before(self.fields.len(), true) + k);
+        let line = field.filter(|f| is_line(f.0)).map(|f| before(f.0, true)).or(half);
         let field = field.filter(|f| !is_line(f.0)).map(|f| (before(f.0, false), f.1));
         let (span, part) = (self.place(scope, span), self.part_of_scene(scope));
         Some(Element { name, kind, law, sampling, active, added: false, span, part, field, line })

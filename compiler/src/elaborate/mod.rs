@@ -247,6 +247,8 @@ pub(crate) struct Elaborator<'a> {
     bundles: Vec<(i64, i64)>,
     pub(crate) two_ports: Vec<matrix::MatrixTwoPort<'a>>,
     open_ports: Vec<(ElementId, &'a [ast::Field], ScopeId)>,
+    /// Those of them that carry waves.
+    wave_ports: Vec<ElementId>,
     ports: Vec<PortDecl>,
     raw_bonds: Vec<RawBond<'a>>,
     /// 1-ports in a list that does not end its chain, and the mend.
@@ -284,7 +286,7 @@ pub(crate) struct Elaborator<'a> {
     /// The `let`s that are inputs and outputs of parts.
     exchanged: Vec<(usize, Exchange)>,
     /// The `sampled` block that what is being worked out stands in.
-    sampling: Option<usize>,
+    pub(crate) sampling: Option<usize>,
     delays: Vec<delay::Delayed>,
     /// Names that mean something only in the law that is being read: `q`, `f`.
     pub(crate) locals: Vec<(String, Typed)>,
@@ -379,6 +381,7 @@ pub fn elaborate(
         bundles: vec![],
         two_ports: vec![],
         open_ports: vec![],
+        wave_ports: vec![],
         ports: vec![],
         raw_bonds: vec![],
         listed: FxHashMap::default(),

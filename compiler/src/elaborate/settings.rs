@@ -1,6 +1,6 @@
 //! `simulate`, `expect` and `--set`.
 
-use super::{Elaborator, Entity, Mode, ScopeId, Unit, told};
+use super::{Elaborator, Entity, Mode, ScopeId, told};
 use crate::Options;
 use crate::model::{BondId, ElementId, Expectation, ExpectationKind, Kind, Meeting, OnePort, Settings};
 use crate::units::Dimension;
@@ -231,54 +231,6 @@ impl<'a> Elaborator<'a> {
             "write `expect {} at {at} = {target} within 1e-3{unit}`, with the allowed deviation after `within`",
             name.text
         ))
-    }
-
-    /// The least inertia that the outside shows at an open port.
-    pub(super) fn open_port(
-        &mut self,
-        fields: &'a [ast::Field],
-        scope: ScopeId,
-        bond: crate::model::BondId,
-    ) -> Option<Option<f64>> {
-        let mut inertia = None;
-        for (i, field) in fields.iter().enumerate() {
-            let name = field.name();
-            if let Some(first) = fields[..i].iter().find(|f| f.name() == name) {
-                self.errors.push(
-                    Diagnostic::error("elaborate::twice", field.span, format!("`{name}` of the port is given twice"))
-                        .label(first.span, "is the first")
-                        .help("keep one"),
-                );
-                continue;
-            }
-            if name != "inertia" {
-                self.errors.push(
-                    Diagnostic::error("elaborate::field", field.span, format!("a port has no field `{name}`"))
-                        .help("it has `inertia`, the least inertia that the outside has there"),
-                );
-                continue;
-            }
-            self.mode = Mode::Constant;
-            let typed = self.express(&field.value, scope)?;
-            let d = self.bond_domain(bond);
-            let needed = Unit::effort(d).div(&Unit::flow(d)).mul(&Unit::known(Dimension::SECOND));
-            // What the elements say of the domain is believed before what is said of the outside.
-            self.require((&typed.unit, field.value.span), needed, None, "the inertia of the port", 3);
-            let x = self.number(&typed, &field.value)?;
-            if !(x > 0.0 && x.is_finite()) {
-                self.errors.push(
-                    Diagnostic::error(
-                        "elaborate::value",
-                        field.value.span,
-                        format!("the inertia of the port is {}, and must be positive", told(x)),
-                    )
-                    .help("give the least mass that the hand and the handle have"),
-                );
-                return None;
-            }
-            inertia = Some(x);
-        }
-        Some(inertia)
     }
 }
 

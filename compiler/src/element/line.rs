@@ -5,8 +5,8 @@
 //! each port has the law f = (e - w) / Z, where w is e + Z f at the other port a delay ago.
 
 use crate::elaborate::{Elaborator, Unit};
-use crate::expression::Expr;
-use crate::model::{BondId, Resistor, Signal, Variable};
+use crate::expression::{Expr, Symbol};
+use crate::model::{BondId, ElementId, Resistor, Signal, Variable};
 use crate::units::Dimension;
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
@@ -42,33 +42,39 @@ impl<'a> Elaborator<'a> {
         self.number(&z, z_ast)?;
         let (time, z) = (self.number(&time, t_ast)?, z.expr);
         // What goes in at each port comes out at the other.
-        let in_at = |this: &mut Self, place: usize, bond: BondId| -> Expr {
-            let (e, f) = (this.signal(Signal::Effort(bond)), this.signal(Signal::Flow(bond)));
-            let (e, f) = (this.pool.var(e), this.pool.var(f));
-            let zf = this.pool.mul(z, f);
-            if this.bonds[bond.at()].head == members[place] { this.pool.add(e, zf) } else { this.pool.sub(e, zf) }
-        };
-        let waves = [in_at(self, 1, second), in_at(self, 0, first)];
+        let waves = [self.wave_into(members[1], second, z), self.wave_into(members[0], first, z)];
         let mut laws = Vec::new();
         for (member, wave) in members.iter().zip(waves) {
             let w = self.wave(wave, effort.clone(), time, t_ast.span)?;
-            let argument = self.argument(*member);
-            let e = self.pool.var(argument);
-            let w = self.pool.var(w);
-            let off = self.pool.sub(e, w);
-            let output = self.pool.div(off, z);
-            laws.push(Resistor {
-                argument,
-                output,
-                gives: Variable::Flow,
-                written: Variable::Flow,
-                curve: None,
-                row: None,
-                linear: None,
-                dissipative: None,
-            });
+            laws.push(self.half_line(*member, z, w));
         }
         Some(laws)
+    }
+
+    /// The wave that goes into a line at one of its ports: e + Z f, with f counted into it.
+    pub(super) fn wave_into(&mut self, member: ElementId, bond: BondId, z: Expr) -> Expr {
+        let (e, f) = (self.signal(Signal::Effort(bond)), self.signal(Signal::Flow(bond)));
+        let (e, f) = (self.pool.var(e), self.pool.var(f));
+        let zf = self.pool.mul(z, f);
+        if self.bonds[bond.at()].head == member { self.pool.add(e, zf) } else { self.pool.sub(e, zf) }
+    }
+
+    /// The law of a port of a line, f = (e - w) / Z, where w comes out of it.
+    pub(super) fn half_line(&mut self, member: ElementId, z: Expr, w: Symbol) -> Resistor {
+        let argument = self.argument(member);
+        let (e, w) = (self.pool.var(argument), self.pool.var(w));
+        let off = self.pool.sub(e, w);
+        let output = self.pool.div(off, z);
+        Resistor {
+            argument,
+            output,
+            gives: Variable::Flow,
+            written: Variable::Flow,
+            curve: None,
+            row: None,
+            linear: None,
+            dissipative: None,
+        }
     }
 
     /// A field of a line, which must have it, and no others than `impedance` and `delay`.

@@ -4,6 +4,7 @@ mod field;
 mod fields;
 mod integral;
 mod line;
+mod open_port;
 mod resistor;
 mod source;
 mod steep;

@@ -3,7 +3,9 @@
 use super::object::object;
 use super::region::UNNEEDED;
 use super::{Shown, name, table};
-use crate::model::{Delay, Exchange, Memory};
+use crate::expression::Expr;
+use crate::model::{Delay, Delayed, Exchange, Memory, Model};
+use crate::structure::Form;
 use serde_json::{Map, Value, json};
 
 /// `dz/dt` or `next z`, and the period of one that moves from sample to sample.
@@ -53,8 +55,7 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
         text.push_str("\nsignal states\n");
         text.push_str(&table::lines(2, &rows));
     }
-    let delays = model.delays.iter().zip(&form.delays).filter(|(d, _)| !d.is_state());
-    let rows: Vec<Vec<String>> = delays
+    let rows: Vec<Vec<String>> = delays(model, form)
         .map(|(d, signal)| {
             let signal = name::expression(&model.pool, *signal);
             vec![d.name.clone(), format!("= {} at 0", name::number(d.start)), format!("then {signal}, {}", by(d))]
@@ -64,7 +65,27 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
         text.push_str("\ndelays\n");
         text.push_str(&table::lines(2, &rows));
     }
+    let rows: Vec<Vec<String>> = leaving(model, form)
+        .map(|(d, signal)| {
+            let signal = name::expression(&model.pool, *signal);
+            vec![d.name.clone(), "comes in from outside".into(), format!("where {signal} leaves")]
+        })
+        .collect();
+    if !rows.is_empty() {
+        text.push_str("\nwaves at open ports\n");
+        text.push_str(&table::lines(2, &rows));
+    }
     text
+}
+
+/// What is delayed within the scene, beyond its signal states.
+fn delays<'a>(model: &'a Model, form: &'a Form) -> impl Iterator<Item = (&'a Delay, &'a Expr)> {
+    model.delays.iter().zip(&form.delays).filter(|(d, _)| !d.is_state() && d.of != Delayed::Leaving)
+}
+
+/// What leaves at open ports.
+fn leaving<'a>(model: &'a Model, form: &'a Form) -> impl Iterator<Item = (&'a Delay, &'a Expr)> {
+    model.delays.iter().zip(&form.delays).filter(|(d, _)| d.of == Delayed::Leaving)
 }
 
 /// By how much something is delayed, in words.
@@ -112,8 +133,7 @@ pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
             .collect();
         fields.insert("signal_states".into(), json!(list));
     }
-    let delays = model.delays.iter().zip(&form.delays).filter(|(d, _)| !d.is_state());
-    let list: Vec<Value> = delays
+    let list: Vec<Value> = delays(model, form)
         .map(|(d, signal)| {
             let signal = name::expression(&model.pool, *signal);
             let time = d.periods.is_none().then_some(d.time);
@@ -122,6 +142,12 @@ pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
         .collect();
     if !list.is_empty() {
         fields.insert("delays".into(), json!(list));
+    }
+    let list: Vec<Value> = leaving(model, form)
+        .map(|(d, signal)| json!(object! { "name": d.name, "leaving": name::expression(&model.pool, *signal) }))
+        .collect();
+    if !list.is_empty() {
+        fields.insert("waves".into(), json!(list));
     }
     fields
 }

@@ -24,10 +24,11 @@ pub(super) fn text(shown: &mut Shown<'_>) -> String {
         let _ = writeln!(text, "  {}", line.trim());
     }
     let count = |wanted: fn(Kind) -> bool| model.elements.iter().filter(|e| wanted(e.kind)).count();
+    let lines = model.lines.iter().filter(|l| l.ends.len() > 1).count();
     let parts = [
         (count(Kind::is_storage), "storage"),
-        (count(|kind| kind == Kind::R) - 2 * model.lines.len(), "resistor"),
-        (model.lines.len(), "line"),
+        (count(|kind| kind == Kind::R) - 2 * lines, "resistor"),
+        (lines, "line"),
         (count(Kind::is_source), "source"),
         (count(Kind::is_junction), "junction"),
         (count(|kind| matches!(kind, Kind::TwoPort(_))), "two-port"),

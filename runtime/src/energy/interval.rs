@@ -3,7 +3,7 @@
 use super::{AbsorbedPlaces, AccountPlaces, HeldPlaces, Layout, Memory, Place, account, larger, positive, smaller};
 use crate::ir::Unary;
 use crate::machine::{Machine, Number};
-use crate::scene::{Cluster, Entries};
+use crate::scene::{Cluster, Entries, Leaving};
 
 /// What a region may draw beyond what it has to give, once, as a part of the largest energy that was ever at stake: so
 /// much of a sum of many intervals is rounding.
@@ -45,6 +45,9 @@ pub fn settle<'s, M: Machine, K: Memory<M>>(
         return;
     }
     share(m, k, c, l);
+    if let Some(part) = l.stake.shortened {
+        shorten(m, k, (c, l), part);
+    }
     let zero = m.number(0.0);
     for (n, there) in [stored(m, k, l), heat(m, k, l)].into_iter().enumerate() {
         for sum in l.accounts.iter().filter_map(|p| p.absorbed).map(|at| at.sums.plus(n)) {
@@ -132,16 +135,47 @@ fn settle_account<M: Machine, K: Memory<M>>(
     turned
 }
 
+/// Shortens the waves that leave into lines where they took more than there was to give: what a hold added to a step
+/// is no energy that came in, and what goes into a line comes back. So a line draws on the account as bars do.
+fn shorten<M: Machine, K: Memory<M>>(m: M, k: K, (c, l): (&Cluster, &Layout), part: Place) {
+    let (zero, one) = (m.number(0.0), m.number(1.0));
+    let energy = |x: &Leaving| {
+        let wave = k.output(x.wave);
+        m.number(x.scale) * wave * wave
+    };
+    let sent = c.entries.iter().flat_map(|e| &e.leaving).fold(zero, |sum, x| sum + energy(x));
+    k.store(part, one);
+    m.only(is_short(m, k, l) & zero.below(sent), || {
+        let short = positive(m, -(stored(m, k, l) + absorbed(m, k, l, 0)));
+        let cut = smaller(m, short / sent, one);
+        k.store(part, (one - cut).unary(Unary::Sqrt));
+        for (e, p) in c.entries.iter().zip(&l.accounts) {
+            for x in &e.leaving {
+                let back = energy(x) * cut;
+                k.gather(p.supplied, back);
+                k.gather(p.leaked, -back);
+                k.add(p.stored, back);
+                if let Some(d) = &p.detail {
+                    k.gather(d.sources.plus(2 * x.source), back);
+                }
+            }
+        }
+    });
+}
+
 /// Books what a region's own sources took back in the interval: of what it was to have from them when it let go, or of
-/// nothing.
+/// nothing. What lines took comes back, and is none of it.
 fn absorb<M: Machine, K: Memory<M>>(m: M, k: K, e: &Entries, at: AbsorbedPlaces) {
     let zero = m.number(0.0);
     for (n, is_heat) in [false, true].into_iter().enumerate() {
         let warms = |i: &usize| e.work.as_ref().is_some_and(|w| w.heats.contains(i));
-        let own = e.sources().filter(|i| warms(i) == is_heat);
+        let is_line = |i: &usize| e.leaving.iter().any(|x| x.source == *i);
+        let own = e.sources().filter(|i| warms(i) == is_heat && !is_line(i));
         let own = own.fold(m.number(-0.0), |sum, i| sum + k.output(e.supplied[i].1));
         let counted_on = at.counted_on.plus(n);
-        k.add(at.sums.plus(n), larger(m, own, k.load(counted_on)) - own);
+        // What was counted on may have been a line's.
+        let had = if e.leaving.is_empty() { k.load(counted_on) } else { zero };
+        k.add(at.sums.plus(n), larger(m, own, had) - own);
         k.store(counted_on, zero);
     }
 }
@@ -311,13 +345,15 @@ pub fn rooms<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout, own: [M::Number; 
 
 /// Whether more was drawn than there was to give, beyond the slack: as work or as heat.
 pub fn is_short<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout) -> M::Condition {
-    let absorbed = |n: usize| {
-        let places = l.accounts.iter().filter_map(|p| p.absorbed);
-        places.fold(m.number(0.0), |sum, at| sum + k.load(at.sums.plus(n)))
-    };
     let (slack, zero) = (slack(m, k, l), m.number(0.0));
-    let [work, warm] = [stored(m, k, l) + absorbed(0), heat(m, k, l) + absorbed(1)];
+    let [work, warm] = [stored(m, k, l) + absorbed(m, k, l, 0), heat(m, k, l) + absorbed(m, k, l, 1)];
     (work + slack).below(zero) | (warm + slack).below(zero)
+}
+
+/// What own sources took back since there last was something to give: as work, or with 1 as heat.
+fn absorbed<M: Machine, K: Memory<M>>(m: M, k: K, l: &Layout, n: usize) -> M::Number {
+    let places = l.accounts.iter().filter_map(|p| p.absorbed);
+    places.fold(m.number(0.0), |sum, at| sum + k.load(at.sums.plus(n)))
 }
 
 /// What may be drawn beyond what there is to give, in all.
@@ -358,7 +394,7 @@ mod tests {
             absorbed: Some(AbsorbedPlaces { sums: at(22), counted_on: at(24) }),
             ..account()
         };
-        let stake = StakePlaces { most: at(26), releases: None, reserve: None };
+        let stake = StakePlaces { most: at(26), releases: None, reserve: None, shortened: None };
         let layout = Layout { size: 32, logs: 0, held: Vec::new(), stake, accounts: vec![account] };
         let short = |[work, heat]: [f64; 2], [worked, warmed]: [f64; 2]| {
             let mut ledger = Ledger::default();

@@ -201,6 +201,9 @@ pub struct StakePlaces {
     pub releases: Option<Place>,
     /// What its tank keeps for an outside that was promised it, J; of a run alone.
     pub reserve: Option<Place>,
+    /// The part to which the waves that leave into lines are shortened, so that they take no more than there is: of a
+    /// cluster that holds within a budget.
+    pub shortened: Option<Place>,
 }
 
 /// Places of all that a cluster's ledger and holds keep.
@@ -322,6 +325,8 @@ impl Layout {
             most: taking.take(1),
             releases: detail.then(|| taking.take(1)),
             reserve: detail.then(|| taking.take(1)),
+            shortened: (c.budget && !c.holds.is_empty() && c.entries.iter().any(|e| !e.leaving.is_empty()))
+                .then(|| taking.take(1)),
         };
         let accounts = c.entries.iter().map(|e| taking.account(c, e)).collect();
         Self { size: taking.size, logs: taking.logs, held, stake, accounts }

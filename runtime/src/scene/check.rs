@@ -2,7 +2,8 @@
 //! that.
 
 use super::{
-    Branch, Carried, Cluster, Entries, ExpectationKind, GIVEN, Guards, Scene, Stepper, TransmissionLine, Watched,
+    Branch, Carried, Cluster, Entries, ExpectationKind, GIVEN, Guards, Leaving, Scene, Stepper, TransmissionLine,
+    Watched,
 };
 use crate::exponential::{Layout, Linear};
 use crate::history::SLOTS;
@@ -90,8 +91,23 @@ impl Scene {
         if !self.lines.iter().all(comes_out) {
             return Err(Unsound::Reference(self.name.clone(), "what comes out of a line is not there"));
         }
+        let leaves = |c: &Cluster, e: &Entries| {
+            let outputs = c.step.program.size(Array::Output);
+            let fits = |x: &Leaving| x.source < e.supplied.len() && x.wave < outputs && x.scale.is_finite();
+            e.leaving.iter().all(fits)
+        };
+        if !self.clusters.iter().all(|c| c.entries.iter().all(|e| leaves(c, e))) {
+            return Err(Unsound::Reference(self.name.clone(), "what leaves into a line is not booked"));
+        }
         if !self.lines.iter().flat_map(|line| &line.ends).all(is_end) {
             return Err(Unsound::Reference(self.name.clone(), "an end of a line is not booked"));
+        }
+        for w in &self.waves {
+            let line = self.clusters.get(w.cluster).and_then(|c| c.lines.get(w.line));
+            let leaves = line.is_some_and(|line| matches!(line.carried, Carried::Leaving { .. }));
+            if !(leaves && w.impedance > 0.0 && w.impedance.is_finite()) {
+                return Err(Unsound::Reference(w.name.clone(), "the port carries no waves"));
+            }
         }
         if p.inputs.iter().any(|i| *i >= self.inputs.len()) {
             return wrong("an input that they read is not there");
@@ -232,6 +248,10 @@ impl Check<'_> {
                     let is_there = output < c.step.program.size(Array::Output);
                     self.that(c.period.is_some() && is_there, "a wave is not reported")?;
                     kept = kept.saturating_add(periods as usize);
+                }
+                Carried::Leaving { output } => {
+                    let is_there = output < c.step.program.size(Array::Output);
+                    self.that(c.period.is_some() && is_there, "a wave that leaves is not reported")?;
                 }
                 Carried::Signal { output, time } => {
                     let is_there = output < c.instant.size(Array::Output);

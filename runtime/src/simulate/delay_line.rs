@@ -33,6 +33,21 @@ impl Ring {
     }
 }
 
+/// What leaves at an open port that carries waves, and what comes in there.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Opening {
+    /// Which of the cluster's delays it is, what a step reports of it, and the input slot of what comes in.
+    line: usize,
+    output: usize,
+    slot: usize,
+    /// What left over the last interval.
+    left: f64,
+    /// What comes in over the next interval, and which one that is: it comes in once.
+    coming: (f64, u64),
+    /// The interval that runs.
+    interval: u64,
+}
+
 /// A signal of continuous time, a while ago.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Past {
@@ -47,6 +62,7 @@ pub(super) struct Past {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct DelayLines {
     rings: Vec<Ring>,
+    openings: Vec<Opening>,
     pub(super) pasts: Vec<Past>,
 }
 
@@ -59,13 +75,16 @@ impl DelayLines {
             let periods = periods as usize;
             Ring { is_wave, from, slot, periods, next: 0, values: vec![start; periods + SPARE] }
         };
-        for line in &c.lines {
+        for (k, line) in c.lines.iter().enumerate() {
             match line.carried {
                 Carried::State { state, periods } => {
                     lines.rings.push(ring(false, state, periods, (slot, line.start)));
                 }
                 Carried::Wave { output, periods } => {
                     lines.rings.push(ring(true, output, periods, (slot, line.start)));
+                }
+                Carried::Leaving { output } => {
+                    lines.openings.push(Opening { line: k, output, slot, ..Opening::default() });
                 }
                 Carried::Signal { output, time } => {
                     lines.pasts.push(Past { output, slot, history: History::new(time, line.start) });
@@ -77,16 +96,19 @@ impl DelayLines {
     }
 
     pub(super) fn is_empty(&self) -> bool {
-        self.rings.is_empty() && self.pasts.is_empty()
+        self.rings.is_empty() && self.openings.is_empty() && self.pasts.is_empty()
     }
 
     /// Whether they may stand for others.
     pub(super) fn alike(&self, other: &Self) -> bool {
         let place = |r: &Ring| (r.is_wave, r.from, r.slot, r.periods, r.values.len());
         let rings = self.rings.iter().zip(&other.rings).all(|(a, b)| place(a) == place(b) && a.next < a.values.len());
+        let place = |o: &Opening| (o.line, o.output, o.slot);
+        let openings = self.openings.iter().map(place).eq(other.openings.iter().map(place));
         let pasts = self.pasts.iter().zip(&other.pasts);
         (self.rings.len(), self.pasts.len()) == (other.rings.len(), other.pasts.len())
             && rings
+            && openings
             && pasts.into_iter().all(|(a, b)| (a.output, a.slot) == (b.output, b.slot) && a.history.alike(&b.history))
     }
 
@@ -102,6 +124,36 @@ impl DelayLines {
         for ring in &mut self.rings {
             let x = if ring.is_wave { output[ring.from] } else { state[ring.from] };
             input[ring.slot] = ring.turn(x);
+        }
+        for o in &mut self.openings {
+            o.left = output[o.output];
+            o.interval += 1;
+            input[o.slot] = if o.coming.1 == o.interval { o.coming.0 } else { 0.0 };
+        }
+    }
+
+    /// Shortens the waves that went in last.
+    pub(super) fn shorten(&mut self, part: f64, input: &mut [f64]) {
+        for ring in self.rings.iter_mut().filter(|ring| ring.is_wave) {
+            let n = ring.values.len();
+            let newest = (ring.next + n - 1) % n;
+            ring.values[newest] *= part;
+            if ring.periods == 0 {
+                input[ring.slot] = ring.values[newest];
+            }
+        }
+        self.openings.iter_mut().for_each(|o| o.left *= part);
+    }
+
+    /// What left over the last interval at the opening that is one of the cluster's delays.
+    pub(super) fn left(&self, line: usize) -> f64 {
+        self.openings.iter().find(|o| o.line == line).map_or(0.0, |o| o.left)
+    }
+
+    /// Tells what comes in over the next interval at the opening that is one of the cluster's delays.
+    pub(super) fn comes(&mut self, line: usize, wave: f64) {
+        for o in self.openings.iter_mut().filter(|o| o.line == line) {
+            o.coming = (wave, o.interval + 1);
         }
     }
 
@@ -134,12 +186,14 @@ impl DelayLines {
     /// Becomes others, as they were a little while ago: of rings it is enough to turn them back.
     pub(super) fn copy_from(&mut self, other: &Self) {
         self.rings.iter_mut().zip(&other.rings).for_each(|(to, from)| to.next = from.next);
+        self.openings.iter_mut().zip(&other.openings).for_each(|(to, from)| to.clone_from(from));
         self.pasts.iter_mut().zip(&other.pasts).for_each(|(to, from)| to.history.copy_from(&from.history));
     }
 
     /// As much of it as [`Self::copy_from`] looks at.
     pub(super) fn keep(&mut self, other: &Self) {
         self.rings.resize(other.rings.len(), Ring::default());
+        self.openings.resize(other.openings.len(), Opening::default());
         self.pasts.resize(other.pasts.len(), Past::default());
         self.copy_from(other);
     }

@@ -79,6 +79,7 @@ impl Simulation<'_> {
         self.step_sampled(i, (start, period))?;
         let layouts = self.scene.clusters.iter().zip(self.runs.iter().map(|run| &run.layout));
         interval::settle(Real::new(), self.sampling(i), i, layouts);
+        self.runs[i].shorten_leaving();
         self.runs[i].watch(start + period);
         if self.transitions[i].is_some() {
             self.note_answers(i);

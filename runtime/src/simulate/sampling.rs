@@ -114,7 +114,7 @@ mod tests {
                 counts: None,
             }
         };
-        let stake = StakePlaces { most: at(18), releases: None, reserve: None };
+        let stake = StakePlaces { most: at(18), releases: None, reserve: None, shortened: None };
         Layout { size: 60, logs: 0, held: vec![held(0), held(1)], stake, accounts: vec![account()] }
     }
 

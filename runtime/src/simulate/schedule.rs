@@ -522,6 +522,26 @@ impl<'a> Simulation<'a> {
         }
     }
 
+    /// The wave that left over the last interval at an open port that carries waves: e + Z f, f counted into the port.
+    ///
+    /// # Panics
+    /// If there is no such port.
+    pub fn wave_left(&self, port: usize) -> f64 {
+        let w = &self.scene.waves[port];
+        self.runs[w.cluster].signals.lines.left(w.line)
+    }
+
+    /// Tells the wave that comes in over the next interval at an open port that carries waves, e - Z f there. It comes
+    /// in once: where nothing is told, 0 does.
+    ///
+    /// # Panics
+    /// If there is no such port.
+    pub fn wave_comes(&mut self, port: usize, wave: f64) {
+        let w = &self.scene.waves[port];
+        self.runs[w.cluster].signals.lines.comes(w.line, wave);
+        self.joined.iter_mut().for_each(Joined::forget);
+    }
+
     /// Sets a signal given from outside, from now on; a sampled region meets it at its next sample.
     ///
     /// # Panics

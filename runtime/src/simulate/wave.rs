@@ -1,4 +1,6 @@
-//! Lossless lines in continuous time: what comes out of one in a step is no more than what is on the way in it.
+//! What lines take and give: no more than there is.
+//!
+//! In continuous time, what comes out of one in a step is no more than what is on the way in it.
 //!
 //! What goes in and what comes out are integrals over steps, by the quadrature of each. What comes out is a polynomial
 //! that passes through what went in, so that its energy is the same to the order of the steps, and not exactly. So it
@@ -8,6 +10,14 @@ use super::cluster::Run;
 use crate::history::{NODES, mean_square};
 
 impl Run {
+    /// Shortens what leaves into the lines of a sampled cluster to what it had to give.
+    pub(super) fn shorten_leaving(&mut self) {
+        let part = self.layout.stake.shortened.map_or(1.0, |at| self.ledger.get(at));
+        if part < 1.0 {
+            self.signals.lines.shorten(part, &mut self.input);
+        }
+    }
+
     /// Tells the programs what is given and what arrives from `t` to `end`.
     pub(super) fn aim(&mut self, t: f64, end: f64) {
         self.signals.aim(&mut self.input, t, end);

@@ -38,7 +38,7 @@ impl DelayLine {
             let of = match line.carried {
                 Carried::State { state, periods } => Some((false, state, periods)),
                 Carried::Wave { output, periods } => Some((true, output, periods)),
-                Carried::Signal { .. } => None,
+                Carried::Leaving { .. } | Carried::Signal { .. } => None,
             };
             if let Some((is_wave, from, periods)) = of {
                 let n = periods as usize;
@@ -62,9 +62,18 @@ impl DelayLine {
         list
     }
 
-    /// Moves on by a period; the places are those of the cluster's state, outputs and inputs.
-    pub(super) fn turn(&self, w: &mut Writer, (state, output, input): (usize, usize, usize)) {
+    /// Moves on by a period; the places are those of the cluster's state, outputs and inputs. What leaves into a line
+    /// is shortened to a part of it.
+    pub(super) fn turn(
+        &self,
+        w: &mut Writer,
+        (state, output, input): (usize, usize, usize),
+        part: Option<crate::backend::code::Value>,
+    ) {
         let mut x = w.kept(self.from + if self.is_wave { output } else { state });
+        if let Some(part) = part.filter(|_| self.is_wave) {
+            x = w.mul(part, x);
+        }
         if self.length > 0 {
             let last = x;
             x = w.kept(self.row);

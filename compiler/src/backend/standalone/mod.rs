@@ -246,6 +246,12 @@ impl Plan {
                 c.name, line.name
             ));
         }
+        if let Some(w) = scene.waves.first() {
+            return Err(format!(
+                "the port `{}` carries waves: such scenes have no compiled form; take --emit exe, whose `serve` exchanges them",
+                w.name
+            ));
+        }
         let open = scene.open.iter().map(|o| (&o.name, o.resolution));
         let mut read = scene.bars.iter().map(|b| (&b.name, b.resolution)).chain(open);
         if let Some((name, _)) = read.find(|(_, resolution)| *resolution > 0.0) {

@@ -256,6 +256,8 @@ impl Writing<'_> {
         let t = w.mul(last, length);
         let mut w = self.one(w, i, t, period, false)?;
         self.settle(&mut w, i);
+        let part = place.layout.stake.shortened.map(|at| w.kept(place.at(at)));
+        place.lines.iter().for_each(|line| line.turn(&mut w, (place.state, place.output, place.input), part));
         self.within_all_budgets(&mut w, i);
         for at in place.layout.held.iter().flat_map(|p| [p.q, p.w]) {
             w.keep(place.at(at), zero);

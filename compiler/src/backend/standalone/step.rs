@@ -75,7 +75,6 @@ impl Writing<'_> {
         } else {
             keep(&mut w, place.state..place.state + n, place.next);
         }
-        place.lines.iter().for_each(|line| line.turn(&mut w, (place.state, place.output, place.input)));
         self.book_step(&mut w, i);
         for (k, p) in c.ports.iter().enumerate() {
             let (mean, before) = (w.kept(place.output + p.mean), w.kept(place.moved + k));

@@ -187,6 +187,7 @@ fn lines(c: &Cluster, first: usize) -> Vec<scene::Line> {
         carried: match line.carries {
             Carries::State(state, periods) => scene::Carried::State { state, periods },
             Carries::Wave(_, periods) => scene::Carried::Wave { output: waves.next().unwrap_or_default(), periods },
+            Carries::Leaving(_) => scene::Carried::Leaving { output: waves.next().unwrap_or_default() },
             Carries::Signal(_, time) => scene::Carried::Signal { output: outputs.next().unwrap_or(first), time },
         },
     };

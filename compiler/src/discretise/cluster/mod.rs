@@ -160,13 +160,15 @@ pub(crate) enum Carries {
     Signal(Expr, f64),
     /// What something was over a step; so many periods more than one.
     Wave(Expr, u32),
+    /// What leaves over a step; what comes in is told from outside.
+    Leaving(Expr),
 }
 
 impl Line {
     /// The symbols of its input slots.
     pub(crate) fn slots(&self) -> Vec<Symbol> {
         match self.carries {
-            Carries::State(..) | Carries::Wave(..) => vec![self.symbol],
+            Carries::State(..) | Carries::Wave(..) | Carries::Leaving(_) => vec![self.symbol],
             Carries::Signal(..) => self.coefficients.clone(),
         }
     }
@@ -313,14 +315,14 @@ impl Cluster {
     pub(crate) fn carried(&self) -> impl Iterator<Item = Expr> {
         self.lines.iter().filter_map(|line| match line.carries {
             Carries::Signal(e, _) => Some(e),
-            Carries::State(..) | Carries::Wave(..) => None,
+            Carries::State(..) | Carries::Wave(..) | Carries::Leaving(_) => None,
         })
     }
 
     /// What is delayed as it was over a step. It is reported after the means at the ports.
     pub(crate) fn waves(&self) -> impl Iterator<Item = Expr> {
         self.lines.iter().filter_map(|line| match line.carries {
-            Carries::Wave(e, _) => Some(e),
+            Carries::Wave(e, _) | Carries::Leaving(e) => Some(e),
             Carries::Signal(..) | Carries::State(..) => None,
         })
     }

@@ -4,7 +4,7 @@ use crate::discretise::cluster::{Carries, Cluster, Integral, Line, State};
 use crate::discretise::delays::Spread;
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::RegionId;
-use crate::model::{Model, Signal};
+use crate::model::{Delayed, Model, Signal};
 use crate::structure::{ColumnId, Form, Role};
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -204,7 +204,8 @@ fn line(
 ) -> Option<Line> {
     let (d, signal) = (&model.delays[k], form.delays[k]);
     let carries = match d.periods {
-        Some(n) if d.wave => Carries::Wave(signal, n),
+        Some(_) if d.of == Delayed::Leaving => Carries::Leaving(signal),
+        Some(n) if d.of == Delayed::Wave => Carries::Wave(signal, n),
         Some(n) => Carries::State(states.iter().position(|s| pool.symbols(signal) == [s.symbol])?, n),
         None => Carries::Signal(signal, d.time),
     };
