@@ -9,7 +9,7 @@ use crate::simulation::{Simulation, SimulationInternals};
 use crate::steps::{Steps, StepsInternals};
 use bond_compiler::discretise::Accuracy;
 use bond_compiler::linearize::Linearized;
-use bond_compiler::show::{As, Shown, What};
+use bond_compiler::show::{As, Picture, Shown, What};
 use bond_compiler::thresholds::Thresholds;
 use bond_compiler::units::BaseUnits;
 use bond_grammar::diagnostic::Diagnostic;
@@ -340,7 +340,7 @@ impl Compiled {
     pub fn show_as(&self, what: &str, format: &str) -> Result<String, String> {
         let what = named(what, What::ALL.map(|w| (w.name(), w)))?;
         let format = named(format, As::ALL.map(|a| (a.name(), a)))?;
-        show(self, what, format)
+        show(self, what, format, Picture::default())
     }
 
     /// How fast each state changes, in SI units a second, at a time and at values of the states by name; a state that
@@ -441,6 +441,12 @@ pub trait CompiledInternals {
     /// # Errors
     /// In words, where loops of resistors cannot be solved at that state.
     fn linearize(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Linearized, String>;
+
+    /// Prints a part of it in a format, pictures as they are asked for.
+    ///
+    /// # Errors
+    /// A combination that makes no sense, or a picture that would be too large, in words.
+    fn show_drawn(&self, what: What, format: As, picture: Picture) -> Result<String, String>;
 }
 
 impl CompiledInternals for Compiled {
@@ -459,13 +465,17 @@ impl CompiledInternals for Compiled {
     fn linearize(&self, time: f64, states: &dyn Fn(&str) -> Option<f64>) -> Result<Linearized, String> {
         bond_compiler::linearize::linearize(&mut self.inner.stages.clone(), time, states)
     }
+
+    fn show_drawn(&self, what: What, format: As, picture: Picture) -> Result<String, String> {
+        show(self, what, format, picture)
+    }
 }
 
 /// Prints a part of a model in a format.
 ///
 /// # Errors
 /// A combination that makes no sense, or a picture that would be too large, in words.
-fn show(compiled: &Compiled, what: What, format: As) -> Result<String, String> {
+fn show(compiled: &Compiled, what: What, format: As, picture: Picture) -> Result<String, String> {
     let (inner, whole) = (&compiled.inner, compiled.inner.whole.as_ref());
     let stages = compiled.whole();
     let shown = Shown {
@@ -475,6 +485,7 @@ fn show(compiled: &Compiled, what: What, format: As) -> Result<String, String> {
         form: &stages.form,
         unneeded: whole.map(|w| &w.unneeded),
         programs: &programs(&inner.scene),
+        picture,
     };
     bond_compiler::show::show(shown, what, format)
 }

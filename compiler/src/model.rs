@@ -585,6 +585,17 @@ pub struct Parameter {
     pub unit: Option<Dimension>,
 }
 
+/// A part of the scene: an instance of a model, or a two-port by a matrix.
+#[derive(Clone, Debug)]
+pub struct Part {
+    /// Its path.
+    pub name: String,
+    /// Its model; the kind of a two-port by a matrix, as it is written.
+    pub kind: String,
+    /// Whether it is a two-port by a matrix, `TF(a[1..3], b[1..2]):arm`.
+    pub matrix: bool,
+}
+
 /// Which way a signal of a part goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exchange {
@@ -634,6 +645,10 @@ pub struct Model {
     pub inputs: Vec<Input>,
     /// Signal states in order of declaration.
     pub memories: Vec<Memory>,
+    /// The parts, each after the one that it stands in.
+    pub parts: Vec<Part>,
+    /// The path of each entry of a bundle, `arm.v[2]`, and that of the bundle, `arm.v[1..3]`.
+    pub bundles: FxHashMap<String, String>,
     /// The signals that parts are given and give, in order of declaration.
     pub exchanged: Vec<Exchanged>,
     /// Delays, in the order in which they were met.

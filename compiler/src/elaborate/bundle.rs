@@ -28,6 +28,15 @@ impl Range {
         (self.to - self.from + 1) as usize
     }
 
+    /// As it is written, `v[1..3]`.
+    fn written(&self) -> String {
+        let (head, end) = match self.name.strip_suffix(']') {
+            Some(indexed) => (indexed, ','),
+            None => (self.name.as_str(), '['),
+        };
+        format!("{head}{end}{}..{}]", self.from, self.to)
+    }
+
     /// The names of its entries.
     pub(super) fn keys(&self) -> impl Iterator<Item = String> {
         let (head, end) = match self.name.strip_suffix(']') {
@@ -81,6 +90,11 @@ impl<'a> Elaborator<'a> {
     /// Declares the name of a bundle; whether it was free.
     pub(super) fn declare_bundle(&mut self, scope: ScopeId, range: &Range, span: Span) -> bool {
         let entity = Entity::Bundle(self.bundles.len());
+        let instance = self.scopes[scope].instance;
+        let bundle = self.full_name(instance, &range.written());
+        for key in range.keys() {
+            self.entries.insert(self.full_name(instance, &key), bundle.clone());
+        }
         self.bundles.push((range.from, range.to));
         self.declare(scope, range.name.clone(), entity, span)
     }

@@ -6,7 +6,7 @@ use super::{Broken, Elaborator, Entity, Inference, Mode, ScopeId, Typed, Unit, V
 use crate::Options;
 use crate::expression::Expr;
 use crate::model::{
-    BondId, Element, ElementId, Field, Input, Kind, Law, Memory, Model, OnePort, Parameter, Probe, Signal,
+    BondId, Element, ElementId, Field, Input, Kind, Law, Memory, Model, OnePort, Parameter, Part, Probe, Signal,
     TransmissionLine,
 };
 use bond_grammar::ast;
@@ -50,6 +50,7 @@ impl<'a> Elaborator<'a> {
         let known = |u: &Unit| units.system.known(u);
         let exchanged = self.exchanges(&known);
         let remarks = self.told_remarks();
+        let parts = self.parts();
         let parameters = self
             .params
             .iter()
@@ -103,6 +104,8 @@ impl<'a> Elaborator<'a> {
             integrals: self.integrals,
             inputs,
             memories,
+            parts,
+            bundles: self.entries,
             exchanged,
             delays,
             probes,
@@ -118,6 +121,15 @@ impl<'a> Elaborator<'a> {
             return Ok(model);
         }
         Err(Broken { errors: self.errors, model: Some(Box::new(model)) })
+    }
+
+    /// The parts of the scene, which have paths.
+    fn parts(&self) -> Vec<Part> {
+        let of = |i: &super::Instance<'_>| {
+            let kind = i.kind.or_else(|| self.files.model(i.model).map(|m| m.name.text.as_str()));
+            Part { name: i.path.clone(), kind: kind.unwrap_or_default().to_string(), matrix: i.kind.is_some() }
+        };
+        self.instances.iter().filter(|i| !i.path.is_empty()).map(of).collect()
     }
 
     /// The units that follow from all equations; what contradicts them is an error.

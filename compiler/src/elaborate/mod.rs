@@ -245,6 +245,8 @@ pub(crate) struct Elaborator<'a> {
     pub(crate) fields: Vec<FieldDecl<'a>>,
     /// From which index to which bundles go.
     bundles: Vec<(i64, i64)>,
+    /// The path of each entry of a bundle, and that of the bundle.
+    entries: FxHashMap<String, String>,
     pub(crate) two_ports: Vec<matrix::MatrixTwoPort<'a>>,
     open_ports: Vec<(ElementId, &'a [ast::Field], ScopeId)>,
     /// Those of them that carry waves.
@@ -379,6 +381,7 @@ pub fn elaborate(
         elements: vec![],
         fields: vec![],
         bundles: vec![],
+        entries: FxHashMap::default(),
         two_ports: vec![],
         open_ports: vec![],
         wave_ports: vec![],

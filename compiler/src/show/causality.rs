@@ -22,23 +22,23 @@ pub(super) fn reason(shown: &Shown<'_>, bond: BondId) -> String {
                 Some(Variable::Flow) => "gives flow",
                 None => "can do no other",
             };
-            format!("{} {what}", name::element(e))
+            format!("{} {what}", name::element(model, e))
         }
         Cause::Asserted => "asserted".into(),
-        Cause::Law(id) => format!("the law of {} is explicit this way", name::element(model.element(id))),
+        Cause::Law(id) => format!("the law of {} is explicit this way", name::element(model, model.element(id))),
         Cause::Hold if model.bond(bond).sampled => "the hold of the double bar".into(),
         Cause::Hold => "an open port".into(),
         Cause::Storage(id) => {
             let e = model.element(id);
             let gives = e.kind.integral().map(|g| shown.causality.gives(model, bond, id) == g);
             let how = if gives == Some(false) { "derivative" } else { "preferred integral" };
-            format!("{how} causality of {}", name::element(e))
+            format!("{how} causality of {}", name::element(model, e))
         }
         Cause::Free => "free to choose".into(),
         Cause::Rule(id, from) if model.element(id).added || node::hidden(model, model.bond(from)) => MULTIPLIER.into(),
         Cause::Rule(id, from) => {
             let other = name::bond(model, from, shown.causality.strokes.get(from.at()).copied());
-            format!("the rule of {}, from {other}", name::element(model.element(id)))
+            format!("the rule of {}, from {other}", name::element(model, model.element(id)))
         }
     }
 }
@@ -66,7 +66,7 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
     );
     text.push_str(&table::lines(2, &rows));
     let list = |ids: &[crate::model::ElementId]| {
-        ids.iter().map(|id| name::element(model.element(*id))).collect::<Vec<_>>().join(", ")
+        ids.iter().map(|id| name::element(model, model.element(*id))).collect::<Vec<_>>().join(", ")
     };
     let dependent = &shown.causality.dependent;
     let _ = match dependent.len() {

@@ -164,9 +164,9 @@ pub(super) fn lines(
     for d in &region.dependent {
         let e = model.element(d.element);
         let mut line = if d.into.is_empty() {
-            format!("{} is dependent: it follows its sources alone, and loads them", name::element(e))
+            format!("{} is dependent: it follows its sources alone, and loads them", name::element(model, e))
         } else {
-            format!("{} is dependent: merged into {}", name::element(e), d.into.join(", "))
+            format!("{} is dependent: merged into {}", name::element(model, e), d.into.join(", "))
         };
         let letter = if e.kind == crate::model::Kind::I { 'p' } else { 'q' };
         let _ = write!(line, ", {}.{letter} = {}", e.name, name::expression(&model.pool, d.state));

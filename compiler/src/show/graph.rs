@@ -1,6 +1,6 @@
 //! `graph` as text: elements with their laws, bonds, parameters.
 
-use super::{Shown, name, node, table};
+use super::{Shown, What, name, node, picture, table};
 use crate::model::{BondId, Law, Variable};
 use std::fmt::Write;
 
@@ -13,11 +13,24 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
     let rows: Vec<Vec<String>> = elements()
         .map(|(id, e)| {
             let bond = shown.graph.bonds_of[id.at()].first().copied();
-            vec![name::element(e), name::law(shown, id), start(shown, id, bond), units(shown, bond)]
+            vec![name::element(model, e), name::law(shown, id), start(shown, id, bond), units(shown, bond)]
         })
         .collect();
     let _ = write!(text, "\nelements\n{}", table::lines(2, &rows));
     let _ = write!(text, "\nbonds\n{}", bonds(shown));
+    let diagram = picture::diagram(shown, What::Graph);
+    let signals: Vec<Vec<String>> = diagram
+        .links
+        .iter()
+        .filter(|l| l.bonds.is_none())
+        .map(|l| {
+            let name = |i: usize| diagram.nodes[i].label();
+            vec![name(l.tail), "-->".into(), name(l.head)]
+        })
+        .collect();
+    if !signals.is_empty() {
+        let _ = write!(text, "\nsignals\n{}", table::lines(2, &signals));
+    }
     if !model.parameters.is_empty() {
         let _ = write!(text, "\nparameters\n{}", table::lines(2, &parameters(shown)));
     }
@@ -52,17 +65,32 @@ fn units(shown: &Shown<'_>, bond: Option<BondId>) -> String {
     format!("[{}, {}]", unit(Variable::Effort), unit(Variable::Flow))
 }
 
-/// The bonds, a line each, as they may be written.
+/// The bonds, a line each, as they may be written: those of a bundle as one.
 fn bonds(shown: &Shown<'_>) -> String {
     let model = &*shown.model;
-    let rows: Vec<Vec<String>> = model
-        .bonds
+    let nodes = node::all(model);
+    let rows: Vec<Vec<String>> = node::links(model, &nodes)
         .iter()
-        .filter(|b| !node::hidden(model, b))
-        .map(|b| {
-            let ends = (name::element(model.element(b.tail)), name::element(name::head(model, b)));
-            let note = if b.stroke.is_some() { "asserted" } else { "" };
-            vec![ends.0, name::arrow(model, b, b.stroke), ends.1, note.to_string()]
+        .map(|link| {
+            let b = &model.bonds[link.bonds[0]];
+            let (tail, head) = (model.element(b.tail), name::head(model, b));
+            let ends = if link.bonds.len() > 1 {
+                [tail, head].map(|e| {
+                    let own = name::element(model, e);
+                    own.strip_suffix(&e.name).map_or(own.clone(), |kind| kind.to_string() + &node::bundled(model, &e.name))
+                })
+            } else {
+                [tail, head].map(|e| name::element(model, e))
+            };
+            let mut notes = Vec::new();
+            if b.stroke.is_some() {
+                notes.push("asserted".to_string());
+            }
+            if link.bonds.len() > 1 {
+                notes.push(format!("{} bonds", link.bonds.len()));
+            }
+            let [tail, head] = ends;
+            vec![tail, name::arrow(model, b, b.stroke), head, notes.join(", ")]
         })
         .collect();
     table::lines(2, &rows)

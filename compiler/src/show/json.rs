@@ -76,12 +76,16 @@ fn graph(shown: &Shown<'_>) -> Value {
         .filter(|(_, e)| !e.added)
         .map(|(id, e)| {
             let region = &shown.graph.regions[shown.graph.region_of[id.at()].at()];
-            let mut o = object! { "name": e.name, "kind": name::kind(e.kind), "law": name::law(shown, id), "region": region.name };
+            let mut o = object! { "name": e.name, "kind": name::kind(model, e), "law": name::law(shown, id), "region": region.name };
             if let Law::Storage(s) = &e.law {
                 let unit = shown.graph.bonds_of[id.at()].first().and_then(|b| super::graph::state_unit(shown, id, *b));
                 o.insert("state".into(), json!(model.pool.name(s.state)));
                 o.insert("unit".into(), unit.map_or(Value::Null, |u| json!(u.to_string())));
                 o.insert("initial".into(), json!(s.initial));
+            }
+            let bundle = super::node::bundled(model, &e.name);
+            if bundle != e.name {
+                o.insert("bundle".into(), json!(bundle));
             }
             if e.active {
                 o.insert("active".into(), json!(true));
@@ -97,8 +101,14 @@ fn graph(shown: &Shown<'_>) -> Value {
         .map(|(i, b)| {
             let unit = |v| name::bond_unit(model, BondId(i as u32), v).map(|u| u.to_string());
             let units = [unit(crate::model::Variable::Effort), unit(crate::model::Variable::Flow)];
-            json!(object! { "name": b.name, "tail": model.element(b.tail).name, "head": name::head(model, b).name,
-            "sampled": b.sampled, "asserted": b.stroke.map(stroke), "effort": units[0], "flow": units[1] })
+            let ends = [&model.element(b.tail).name, &name::head(model, b).name];
+            let mut o = object! { "name": b.name, "tail": ends[0], "head": ends[1],
+            "sampled": b.sampled, "asserted": b.stroke.map(stroke), "effort": units[0], "flow": units[1] };
+            let bundle = ends.map(|name| super::node::bundled(model, name));
+            if bundle[0] != *ends[0] || bundle[1] != *ends[1] {
+                o.insert("bundle".into(), json!(bundle));
+            }
+            Value::Object(o)
         })
         .collect();
     let parameters: Vec<Value> = model
@@ -106,7 +116,12 @@ fn graph(shown: &Shown<'_>) -> Value {
         .iter()
         .map(|p| json!(object! { "name": p.name, "value": p.value, "unit": p.unit.map(|u| u.to_string()) }))
         .collect();
-    json!(object! { "elements": elements, "bonds": bonds, "parameters": parameters })
+    let diagram = super::picture::diagram(shown, What::Graph);
+    let signals = diagram.links.iter().filter(|l| l.bonds.is_none());
+    let name = |i: usize| diagram.nodes[i].label();
+    let signals: Vec<Value> =
+        signals.map(|l| json!(object! { "from": name(l.tail), "to": name(l.head) })).collect();
+    json!(object! { "elements": elements, "bonds": bonds, "signals": signals, "parameters": parameters })
 }
 
 fn stroke(s: Stroke) -> &'static str {

@@ -3,9 +3,7 @@
 //! Everything here reads the stages before it and changes nothing but the pool, in which it makes the expressions that
 //! it prints. The same model gives the same bytes on every run.
 
-mod arrow;
 mod causality;
-mod dot;
 mod equation;
 mod fact;
 mod graph;
@@ -13,21 +11,23 @@ mod holonomic;
 mod json;
 mod json_form;
 mod latex;
-mod layout;
 mod matrix;
+mod modulation;
 mod name;
 mod node;
 mod object;
 mod phs;
+mod picture;
 mod region;
 mod signal;
 mod size;
 mod sparse;
 mod summary;
-mod svg;
 mod table;
 #[cfg(test)]
 mod tests;
+
+pub use picture::text_width;
 
 use crate::causality::Causality;
 use crate::graph::BondGraph;
@@ -81,7 +81,7 @@ pub enum As {
     Dot,
     /// A picture.
     Svg,
-    /// Formulas.
+    /// Formulas and pictures for LaTeX.
     Latex,
 }
 
@@ -101,6 +101,47 @@ impl As {
     }
 }
 
+/// What is written at the bonds of a picture.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Labels {
+    /// The names that the model gives them.
+    #[default]
+    None,
+    /// Their numbers, in the order of the model.
+    Numbers,
+    /// Their efforts and flows.
+    Variables,
+}
+
+impl Labels {
+    /// All of them.
+    pub const ALL: [Labels; 3] = [Labels::None, Labels::Numbers, Labels::Variables];
+
+    /// As it is written on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Labels::None => "none",
+            Labels::Numbers => "numbers",
+            Labels::Variables => "variables",
+        }
+    }
+}
+
+/// How a picture is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Picture {
+    /// What is written at the bonds.
+    pub labels: Labels,
+    /// How many parts within parts are looked into; deeper ones are boxes.
+    pub depth: usize,
+}
+
+impl Default for Picture {
+    fn default() -> Self {
+        Self { labels: Labels::None, depth: usize::MAX }
+    }
+}
+
 /// Everything that can be shown of a compiled model.
 pub struct Shown<'a> {
     /// The flat model; its pool takes the expressions that are made for printing.
@@ -115,12 +156,14 @@ pub struct Shown<'a> {
     pub unneeded: Option<&'a Unneeded>,
     /// The step programs.
     pub programs: &'a [Program],
+    /// How pictures are drawn.
+    pub picture: Picture,
 }
 
 /// Shows a part of a compiled model in a format.
 ///
 /// `dot` and `svg` draw `graph` (without strokes), `causality` and `regions`, and take `all` for `causality`; `latex`
-/// sets `phs`, and takes `all` for it.
+/// draws them too (with the package `tikz`), sets `phs`, and takes `all` for it.
 ///
 /// # Errors
 /// A combination that makes no sense, or a picture that would be too large, in words.
@@ -134,11 +177,12 @@ pub fn show(mut shown: Shown<'_>, what: What, format: As) -> Result<String, Stri
         (As::Text, What::Regions) => Ok(region::text(&shown)),
         (As::Text, What::Program) => Ok(programs(shown.programs)),
         (As::Json, _) => Ok(json::text(&mut shown, what)),
-        (As::Dot, What::All | What::Graph | What::Causality | What::Regions) => Ok(dot::text(&shown, what)),
-        (As::Svg, What::All | What::Graph | What::Causality | What::Regions) => svg::text(&shown, what),
+        (As::Dot, What::All | What::Graph | What::Causality | What::Regions) => Ok(picture::dot(&shown, what)),
+        (As::Svg, What::All | What::Graph | What::Causality | What::Regions) => picture::svg(&shown, what),
         (As::Dot | As::Svg, What::Phs | What::Program) => refuse("`graph`, `causality` and `regions`"),
         (As::Latex, What::All | What::Phs) => Ok(latex::text(&mut shown)),
-        (As::Latex, What::Graph | What::Causality | What::Regions | What::Program) => refuse("`phs`"),
+        (As::Latex, What::Graph | What::Causality | What::Regions) => picture::tikz(&shown, what),
+        (As::Latex, What::Program) => refuse("`phs`, `graph`, `causality` and `regions`"),
     }
 }
 

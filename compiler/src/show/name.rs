@@ -1,6 +1,7 @@
 //! What things are called in print: elements, bonds, variables, numbers, units.
 
 use super::Shown;
+use super::modulation::is_modulated;
 use crate::expression::{Expr, Pool};
 use crate::model::{Bond, BondId, Element, ElementId, Kind, Law, Model, OnePort, Signal, TwoPort, Variable};
 use crate::structure::{ColumnId, Form, Role};
@@ -11,8 +12,14 @@ use rustc_hash::FxHashMap;
 /// An expression with more nodes than this, when written out, is not written out.
 const LONGEST: u64 = 1_000_000;
 
-/// The kind as it is written in the language.
-pub(super) fn kind(kind: Kind) -> &'static str {
+/// The kind as it is written in the language, with an `M` where signals drive it.
+pub(super) fn kind(model: &Model, e: &Element) -> String {
+    let plain = plain_kind(e.kind);
+    if is_modulated(model, e) { format!("M{plain}") } else { plain.to_string() }
+}
+
+/// The kind, whether or not signals drive it.
+fn plain_kind(kind: Kind) -> &'static str {
     match kind {
         Kind::OnePort(one_port) => match one_port {
             OnePort::Source(Variable::Effort) => "Se",
@@ -33,10 +40,10 @@ pub(super) fn kind(kind: Kind) -> &'static str {
 }
 
 /// `I:mass`
-pub(super) fn element(e: &Element) -> String {
+pub(super) fn element(model: &Model, e: &Element) -> String {
     match e.kind {
         Kind::PORT => format!("port {}", e.name),
-        _ => format!("{}{}:{}", if e.active { "active " } else { "" }, kind(e.kind), e.name),
+        _ => format!("{}{}:{}", if e.active { "active " } else { "" }, kind(model, e), e.name),
     }
 }
 
@@ -67,10 +74,16 @@ pub(super) fn own_name<'m>(model: &Model, bond: &'m Bond) -> Option<&'m str> {
 
 /// Where a bond ends as the model has it.
 pub(super) fn head<'m>(model: &'m Model, b: &Bond) -> &'m Element {
-    let end = model.element(b.head);
+    model.element(head_id(model, b))
+}
+
+/// The same, as an id.
+pub(super) fn head_id(model: &Model, b: &Bond) -> ElementId {
+    if !model.element(b.head).added {
+        return b.head;
+    }
     let goes_on = |o: &&Bond| o.tail == b.head && !model.element(o.head).added;
-    let next = model.bonds.iter().rfind(goes_on).filter(|_| end.added);
-    next.map_or(end, |o| model.element(o.head))
+    model.bonds.iter().rfind(goes_on).map_or(b.head, |o| o.head)
 }
 
 /// `hand -> v`

@@ -70,7 +70,7 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
     );
     for (i, r) in regions.iter().enumerate() {
         let _ = writeln!(text, "\nregion {}: {}{}", r.name, kind(shown, r), left_out(shown, i));
-        let elements: Vec<String> = r.elements.iter().map(|e| name::element(model.element(*e))).collect();
+        let elements: Vec<String> = r.elements.iter().map(|e| name::element(model, model.element(*e))).collect();
         text.push_str(&wrap("  ", &elements.join(", ")));
     }
     if !bars.is_empty() {

@@ -1,4 +1,4 @@
-//! The sizes of printed forms and of pictures, beyond which they take another form.
+//! The sizes of printed forms, beyond which they take another form.
 
 /// See [`SIZES`].
 pub(super) struct Sizes {
@@ -18,18 +18,6 @@ pub(super) struct Sizes {
     pub written_loop: usize,
     /// The same, of linear resistors in a sparse form.
     pub linear_loop: usize,
-    /// Elements of a picture that can be read.
-    pub picture: usize,
-    /// Elements of a graph from which on it may be a long chain.
-    pub chain: usize,
-    /// Pixels from one element to the next.
-    pub step: f64,
-    /// Pixels of the shortest bond that can be seen.
-    pub bond: f64,
-    /// Pixels between the outermost label and the edge.
-    pub margin: f64,
-    /// Pixels around the labels of a region.
-    pub padding: f64,
 }
 
 /// The sizes of all printed forms.
@@ -42,10 +30,4 @@ pub(super) const SIZES: Sizes = Sizes {
     sparse_entries: 64,
     written_loop: 6,
     linear_loop: 8,
-    picture: 400,
-    chain: 24,
-    step: 92.0,
-    bond: 36.0,
-    margin: 28.0,
-    padding: 22.0,
 };

@@ -35,7 +35,7 @@ fn shown(text: &str, wanted: &[(What, As)]) -> Vec<Result<String, String>> {
     let mut list = Vec::new();
     for (what, format) in wanted {
         let (graph, causality, form) = (&graph, &causality, &form);
-        let shown = Shown { model: &mut model, graph, causality, form, unneeded: None, programs: &[] };
+        let shown = Shown { model: &mut model, graph, causality, form, unneeded: None, programs: &[], picture: super::Picture::default() };
         list.push(show(shown, *what, *format));
     }
     list

@@ -1,85 +1,39 @@
-//! Places for the elements of a graph: stress majorisation over all-pairs distances (Gansner, Koren, North 2004), begun
-//! from classical scaling, turned so that most bonds lie level or upright, and pushed apart where labels meet.
+//! A first place for each node: stress majorisation over all-pairs distances (Gansner, Koren, North 2004), begun from
+//! classical scaling, and turned so that most bonds lie level or upright.
 
-mod settle;
+use super::geometry::Point;
 
-use super::size::SIZES;
-use settle::settle;
+/// A line that holds two nodes together: its ends and its length.
+pub(crate) type Edge = (usize, usize, f64);
 
-/// A point, in pixels.
-pub(super) type Point = [f64; 2];
+/// Pairs of nodes that all rounds together look at, at most: what bounds the time for large graphs.
+const PAIRS: usize = 40_000_000;
 
-/// A drawing to be made.
-pub(super) struct Drawing<'a> {
-    /// Half width and half height of each node's label.
-    pub(super) sizes: &'a [Point],
-    /// Ends and length (1 for a plain one) of each bond.
-    pub(super) bonds: &'a [(usize, usize, f64)],
-    /// The part each node belongs to; parts are kept from overlapping.
-    pub(super) parts: &'a [usize],
-}
-
-/// Where the nodes go.
-pub(super) fn place(drawing: &Drawing<'_>) -> Vec<Point> {
-    let n = drawing.sizes.len();
-    let distance = distances(n, drawing.bonds);
+/// Places with about 1 between neighbours.
+pub(crate) fn place(n: usize, edges: &[Edge]) -> Vec<Point> {
+    let distance = distances(n, edges);
     let mut x = scaling(&distance);
-    fan(&mut x, drawing.bonds);
-    for _ in 0..200 {
+    let rounds = (PAIRS / (n * n).max(1)).clamp(10, 100);
+    for _ in 0..2 * rounds {
         x = majorise(&distance, &x, (&[], 0.0));
     }
-    turn(&mut x, drawing.bonds);
+    turn(&mut x, edges);
     for weight in [1.5, 40.0] {
-        for _ in 0..100 {
-            let pulls = axes(&x, drawing.bonds);
+        for _ in 0..rounds {
+            let pulls = axes(&x, edges);
             x = majorise(&distance, &x, (&pulls, weight));
         }
     }
-    // Wide labels take wide steps.
-    let mut needs: Vec<f64> =
-        drawing.bonds.iter().map(|(a, b, _)| drawing.sizes[*a][0] + drawing.sizes[*b][0] + 8.0 + SIZES.bond).collect();
-    needs.sort_by(f64::total_cmp);
-    let step = needs.get(needs.len() * 4 / 5).copied().unwrap_or(SIZES.step).clamp(SIZES.step, 2.0 * SIZES.step);
-    for p in &mut x {
-        *p = [p[0] * step, p[1] * SIZES.step * 0.9];
-    }
-    settle(&mut x, drawing);
     x
 }
-
-/// Long chains start with their leaves on both sides by turns, since all on one side would bend them.
-fn fan(x: &mut [Point], bonds: &[(usize, usize, f64)]) {
-    if x.len() < SIZES.chain {
-        return;
-    }
-    let mut degree = vec![0; x.len()];
-    for &(a, b, _) in bonds {
-        degree[a] += 1;
-        degree[b] += 1;
-    }
-    let extent = |k: usize| {
-        let (low, high) = x.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[k]), h.max(p[k])));
-        high - low
-    };
-    if extent(0) > 3.0 * extent(1) {
-        for p in x.iter_mut() {
-            p[1] = 0.0;
-        }
-    }
-    let leaves = (0..x.len()).filter(|i| degree[*i] == 1).collect::<Vec<_>>();
-    for (k, &i) in leaves.iter().enumerate() {
-        x[i][1] += if k % 2 == 0 { 0.7 } else { -0.7 };
-    }
-}
-
-/// All-pairs distances along the bonds; pieces that nothing joins stand a little apart.
-fn distances(n: usize, bonds: &[(usize, usize, f64)]) -> Vec<Vec<f64>> {
+/// All-pairs distances along the edges; pieces that nothing joins stand a little apart.
+fn distances(n: usize, edges: &[(usize, usize, f64)]) -> Vec<Vec<f64>> {
     let mut near: Vec<Vec<(usize, f64)>> = vec![Vec::new(); n];
-    for &(a, b, length) in bonds {
+    for &(a, b, length) in edges {
         near[a].push((b, length));
         near[b].push((a, length));
     }
-    // Two lengths of bond only: a queue over half units visits in order of distance.
+    // Lengths are multiples of a half: a queue over half units visits in order of distance.
     let from = |start: usize| {
         let mut d = vec![f64::INFINITY; n];
         d[start] = 0.0;
@@ -183,11 +137,11 @@ fn majorise(distance: &[Vec<f64>], x: &[Point], (pulls, weight): (&[Pull], f64))
     sums.iter().zip(x).map(|((s, w), x)| if *w > 0.0 { [s[0] / w, s[1] / w] } else { *x }).collect()
 }
 
-/// Turns the drawing so that most bonds lie level or upright and it is wider than high; the first bonds run to the
+/// Turns the drawing so that most edges lie level or upright and it is wider than high; the first edges run to the
 /// right.
-fn turn(x: &mut [Point], bonds: &[(usize, usize, f64)]) {
+fn turn(x: &mut [Point], edges: &[(usize, usize, f64)]) {
     let (mut c, mut s) = (0.0, 0.0);
-    for &(a, b, _) in bonds {
+    for &(a, b, _) in edges {
         let angle = 4.0 * libm::atan2(x[b][1] - x[a][1], x[b][0] - x[a][0]);
         c += libm::cos(angle);
         s += libm::sin(angle);
@@ -206,28 +160,28 @@ fn turn(x: &mut [Point], bonds: &[(usize, usize, f64)]) {
     if extent(x, 1) > extent(x, 0) {
         rotate(x, std::f64::consts::FRAC_PI_2);
     }
-    let right: f64 = bonds.iter().map(|(a, b, _)| x[*b][0] - x[*a][0]).sum();
+    let right: f64 = edges.iter().map(|(a, b, _)| x[*b][0] - x[*a][0]).sum();
     if right < 0.0 {
         for p in x.iter_mut() {
             p[0] = -p[0];
         }
     }
-    if bonds.iter().map(|(a, b, _)| x[*b][1] - x[*a][1]).sum::<f64>() < 0.0 {
+    if edges.iter().map(|(a, b, _)| x[*b][1] - x[*a][1]).sum::<f64>() < 0.0 {
         for p in x.iter_mut() {
             p[1] = -p[1];
         }
     }
 }
 
-/// For each bond that is the nearest of its ends' bonds to a level or upright direction, that direction.
-fn axes(x: &[Point], bonds: &[(usize, usize, f64)]) -> Vec<Pull> {
+/// For each bond that is the nearest of its ends' edges to a level or upright direction, that direction.
+fn axes(x: &[Point], edges: &[(usize, usize, f64)]) -> Vec<Pull> {
     let quarter = std::f64::consts::FRAC_PI_2;
     let angle = |a: usize, b: usize| libm::atan2(x[b][1] - x[a][1], x[b][0] - x[a][0]);
     let nearest = |angle: f64| (angle / quarter).round();
     // For each node and quarter, the deviation of the bond that is nearest to it.
     let mut best = vec![[f64::MAX; 4]; x.len()];
     let side = |q: f64| (q.rem_euclid(4.0)) as usize % 4;
-    for &(a, b, _) in bonds {
+    for &(a, b, _) in edges {
         for (from, to) in [(a, b), (b, a)] {
             let t = angle(from, to);
             let q = nearest(t);
@@ -237,7 +191,7 @@ fn axes(x: &[Point], bonds: &[(usize, usize, f64)]) -> Vec<Pull> {
         }
     }
     let mut pulls = Vec::new();
-    for &(a, b, length) in bonds {
+    for &(a, b, length) in edges {
         let t = angle(a, b);
         let q = nearest(t);
         let off = (t - q * quarter).abs();
