@@ -333,7 +333,7 @@ impl Compiled {
         self.show_as(what, "text").unwrap_or_else(|why| why + "\n")
     }
 
-    /// Prints a part of it in a format: `text`, `json`, `dot`, `svg` or `latex`.
+    /// Prints a part of it in a format: `text`, `json`, `dot`, `svg` or `latex`, as `bond show` does.
     ///
     /// # Errors
     /// A name that does not exist, a combination that makes no sense, or a picture that would be too large, in words.

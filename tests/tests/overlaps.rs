@@ -22,7 +22,7 @@ struct Group {
 }
 
 /// What is wrong with a picture, and how many lines cross.
-#[derive(Default)]
+#[derive(Debug, Default)]
 pub struct Found {
     /// What lies on what.
     pub faults: Vec<String>,

@@ -32,8 +32,15 @@ fn it_goes_to_a_file_too() {
     here.bond(&["show", "a.bond", "-o", "none/a.txt"]).is(2, &[], &["cannot write"]);
     here.bond(&["show", "a.bond", "-o", "."]).is(2, &[], &["directory"]);
     here.bond(&["show", "a.bond", "graph", "--as", "svg", "-o", "a.png"]).is(2, &[], &["does not write .png", ".svg"]);
-    here.bond(&["show", "a.bond", "graph", "-o", "a.svg"]).is(2, &[], &["does not write .svg", "name it .txt"]);
-    assert_eq!(here.list(), ["a.bond", "a.svg"]);
+    here.bond(&["show", "a.bond", "--as", "text", "-o", "a.svg"]).is(2, &[], &["does not write .svg", "name it .txt"]);
+    // The name says the format.
+    for (name, start) in [("b.svg", "<svg"), ("b.json", "{"), ("b.dot", "digraph"), ("b.tex", "% \\usepackage{tikz}")] {
+        here.bond(&["show", "a.bond", "graph", "-o", name]).is(0, &[], &[]);
+        assert!(here.read(name).starts_with(start), "{name}: {}", here.read(name));
+    }
+    here.bond(&["show", "a.bond", "-o", "c.svg", "--labels", "variables", "--depth", "0"]).is(0, &[], &[]);
+    assert!(here.read("c.svg").contains(".e</text>"));
+    assert_eq!(here.list(), ["a.bond", "a.svg", "b.dot", "b.json", "b.svg", "b.tex", "c.svg"]);
 }
 
 #[test]

@@ -77,7 +77,8 @@ fn bonds(shown: &Shown<'_>) -> String {
             let ends = if link.bonds.len() > 1 {
                 [tail, head].map(|e| {
                     let own = name::element(model, e);
-                    own.strip_suffix(&e.name).map_or(own.clone(), |kind| kind.to_string() + &node::bundled(model, &e.name))
+                    own.strip_suffix(&e.name)
+                        .map_or(own.clone(), |kind| kind.to_string() + &node::bundled(model, &e.name))
                 })
             } else {
                 [tail, head].map(|e| name::element(model, e))

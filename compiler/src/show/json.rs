@@ -119,8 +119,7 @@ fn graph(shown: &Shown<'_>) -> Value {
     let diagram = super::picture::diagram(shown, What::Graph);
     let signals = diagram.links.iter().filter(|l| l.bonds.is_none());
     let name = |i: usize| diagram.nodes[i].label();
-    let signals: Vec<Value> =
-        signals.map(|l| json!(object! { "from": name(l.tail), "to": name(l.head) })).collect();
+    let signals: Vec<Value> = signals.map(|l| json!(object! { "from": name(l.tail), "to": name(l.head) })).collect();
     json!(object! { "elements": elements, "bonds": bonds, "signals": signals, "parameters": parameters })
 }
 

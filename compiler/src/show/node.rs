@@ -162,7 +162,8 @@ pub(super) fn links(model: &Model, nodes: &Nodes) -> Vec<Link> {
 /// entry of the bundle.
 fn bond_name(model: &Model, b: &Bond, ends: [&Node; 2]) -> Option<String> {
     let port = |e: &Element| {
-        let path = model.parts.iter().find(|p| p.matrix && e.name.strip_prefix(&p.name).is_some_and(|r| r.starts_with('.')));
+        let path =
+            model.parts.iter().find(|p| p.matrix && e.name.strip_prefix(&p.name).is_some_and(|r| r.starts_with('.')));
         let of_field = e.field.is_some() || e.line.is_some() || path.is_some();
         of_field.then(|| e.name.rsplit_once('.').map_or(e.name.clone(), |n| n.1.to_string()))
     };
@@ -173,7 +174,8 @@ fn bond_name(model: &Model, b: &Bond, ends: [&Node; 2]) -> Option<String> {
     let (tail, head) = (model.element(b.tail), name::head(model, b));
     let own = name::own_name(model, b).map(str::to_string);
     let open = |e: &Element, node: &Node| if node.is_part { None } else { port(e) };
-    own.or_else(|| open(head, ends[1])).or_else(|| open(tail, ends[0]))
+    own.or_else(|| open(head, ends[1]))
+        .or_else(|| open(tail, ends[0]))
         .or_else(|| entry(tail, ends[0]))
         .or_else(|| entry(head, ends[1]))
 }

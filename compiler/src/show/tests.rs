@@ -35,7 +35,15 @@ fn shown(text: &str, wanted: &[(What, As)]) -> Vec<Result<String, String>> {
     let mut list = Vec::new();
     for (what, format) in wanted {
         let (graph, causality, form) = (&graph, &causality, &form);
-        let shown = Shown { model: &mut model, graph, causality, form, unneeded: None, programs: &[], picture: super::Picture::default() };
+        let shown = Shown {
+            model: &mut model,
+            graph,
+            causality,
+            form,
+            unneeded: None,
+            programs: &[],
+            picture: super::Picture::default(),
+        };
         list.push(show(shown, *what, *format));
     }
     list
@@ -174,7 +182,8 @@ fn a_long_ladder_stays_linear() {
     assert!(sizes[1] < 3 * sizes[0], "{sizes:?}");
     let form = &json(&ladder(100), What::Phs)["regions"][0];
     assert_eq!(form["dirac"]["D"]["shape"], serde_json::json!([201, 201]));
-    let refused = shown(&ladder(150), &[(What::Graph, As::Svg)]).remove(0);
+    assert!(one(&ladder(150), What::Graph, As::Svg).contains("</svg>"));
+    let refused = shown(&ladder(700), &[(What::Graph, As::Svg)]).remove(0);
     assert!(refused.is_err_and(|e| e.contains("too large")));
     assert!(one(&ladder(150), What::All, As::Text).lines().count() < 120);
 }
@@ -198,27 +207,6 @@ fn the_sparse_form_is_the_dense_one() {
                         assert!((x - y).abs() <= 1e-12 * x.abs(), "{name}[{i}, {j}]: {x} {y}\n{text}");
                     }
                 }
-            }
-        }
-    }
-}
-
-#[test]
-fn labels_of_a_picture_keep_apart() {
-    for model in [WALL, LEVER, BRIDGE, &ladder(12)] {
-        let svg = one(model, What::Causality, As::Svg);
-        let number = |line: &str, key: &str| -> f64 {
-            let rest = line.split(&format!(" {key}=\"")).nth(1).unwrap_or("");
-            rest.split('"').next().and_then(|x| x.parse().ok()).unwrap_or(f64::NAN)
-        };
-        let nodes: Vec<(f64, f64)> = svg
-            .lines()
-            .filter(|l| l.starts_with("<text class=\"node"))
-            .map(|l| (number(l, "x"), number(l, "y")))
-            .collect();
-        for (i, a) in nodes.iter().enumerate() {
-            for b in &nodes[..i] {
-                assert!((a.0 - b.0).abs() > 25.0 || (a.1 - b.1).abs() > 17.0, "{a:?} {b:?}\n{svg}");
             }
         }
     }

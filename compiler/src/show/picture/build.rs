@@ -71,13 +71,7 @@ impl Groups {
     }
 
     /// The innermost box of the parts of a path, within a box.
-    fn within(
-        &mut self,
-        shown: &Shown<'_>,
-        path: &str,
-        outer: Option<usize>,
-        diagram: &mut Diagram,
-    ) -> Option<usize> {
+    fn within(&mut self, shown: &Shown<'_>, path: &str, outer: Option<usize>, diagram: &mut Diagram) -> Option<usize> {
         let mut at = outer;
         for p in shown.model.parts.iter().filter(|p| !p.matrix) {
             let name = node::bundled(shown.model, &p.name);
@@ -116,7 +110,12 @@ impl Groups {
 }
 
 /// A link of the drawing with its strokes and names.
-fn bonds(shown: &Shown<'_>, what: What, link: &node::Link, (nodes, dependent): (&Nodes, &FxHashSet<ElementId>)) -> Link {
+fn bonds(
+    shown: &Shown<'_>,
+    what: What,
+    link: &node::Link,
+    (nodes, dependent): (&Nodes, &FxHashSet<ElementId>),
+) -> Link {
     let model = &*shown.model;
     let mut all = Bonds { size: link.bonds.len(), ..Bonds::default() };
     let mut titles = Vec::new();
@@ -166,7 +165,8 @@ fn bonds(shown: &Shown<'_>, what: What, link: &node::Link, (nodes, dependent): (
 /// of its ends, else by its number.
 fn variables(shown: &Shown<'_>, b: &Bond, link: &node::Link, nodes: &Nodes, number: usize) -> [String; 2] {
     let model = &*shown.model;
-    let one_port = |id: ElementId| matches!(model.element(id).kind, Kind::OnePort(_)) && model.element(id).field.is_none();
+    let one_port =
+        |id: ElementId| matches!(model.element(id).kind, Kind::OnePort(_)) && model.element(id).field.is_none();
     let of = |i: usize| nodes.list[i].name.clone();
     let owner = match name::own_name(model, b) {
         Some(own) if link.bonds.len() == 1 => Some(own.to_string()),

@@ -85,7 +85,7 @@ impl<'a> Signals<'a> {
         let at: BTreeMap<Origin, usize> = list.iter().enumerate().map(|(i, o)| (*o, i)).collect();
         let mut sets = petgraph::unionfind::UnionFind::<usize>::new(list.len());
         let mut of_part: FxHashMap<usize, usize> = FxHashMap::default();
-        let mut same_place = |a: usize, b: usize, sets: &mut petgraph::unionfind::UnionFind<usize>| {
+        let same_place = |a: usize, b: usize, sets: &mut petgraph::unionfind::UnionFind<usize>| {
             let around = |o: Origin| {
                 let (name, sampling) = self.place(o);
                 (name.rsplit_once('.').map(|n| n.0.to_string()), sampling)

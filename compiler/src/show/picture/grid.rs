@@ -302,7 +302,10 @@ impl<'a> Board<'a> {
             let j = ends[usize::from(ends[0] == i)];
             if self.lines[l].is_bond && self.of[j].len() > 1 {
                 let q = self.at[j];
-                ways.push([(q[0] - p[0]).signum() * i32::from(q[1] == p[1]), (q[1] - p[1]).signum() * i32::from(q[0] == p[0])]);
+                ways.push([
+                    (q[0] - p[0]).signum() * i32::from(q[1] == p[1]),
+                    (q[1] - p[1]).signum() * i32::from(q[0] == p[0]),
+                ]);
             }
         }
         let straight = |a: &[i32; 2]| *a != [0, 0] && ways.contains(&[-a[0], -a[1]]);
@@ -345,7 +348,11 @@ impl<'a> Board<'a> {
                 continue;
             }
             let [c, d] = other.ends.map(|e| self.at[e]);
-            if c[0].max(d[0]) < low[0] || c[0].min(d[0]) > high[0] || c[1].max(d[1]) < low[1] || c[1].min(d[1]) > high[1] {
+            if c[0].max(d[0]) < low[0]
+                || c[0].min(d[0]) > high[0]
+                || c[1].max(d[1]) < low[1]
+                || c[1].min(d[1]) > high[1]
+            {
                 continue;
             }
             let shared = line.ends.iter().find(|e| other.ends.contains(e));
@@ -442,7 +449,9 @@ impl<'a> Board<'a> {
         let mut all = with;
         all.push(i);
         let mut options = Vec::new();
-        for d in [[1, 0], [-1, 0], [0, 1], [0, -1], [2, 0], [-2, 0], [0, 2], [0, -2], [1, 1], [-1, 1], [1, -1], [-1, -1]] {
+        for d in
+            [[1, 0], [-1, 0], [0, 1], [0, -1], [2, 0], [-2, 0], [0, 2], [0, -2], [1, 1], [-1, 1], [1, -1], [-1, -1]]
+        {
             let to = |j: &usize| [self.at[*j][0] + d[0], self.at[*j][1] + d[1]];
             let free = |j: &usize| self.taken.get(&to(j)).is_none_or(|k| all.contains(k));
             if all.iter().all(free) {
@@ -596,7 +605,12 @@ fn within(b: [i32; 4], p: Cell) -> bool {
 
 /// Whether the line between two cells runs through the label of a third.
 fn runs_through(a: Cell, b: Cell, p: Cell) -> bool {
-    if p == a || p == b || p[0] < a[0].min(b[0]) || p[0] > a[0].max(b[0]) || p[1] < a[1].min(b[1]) || p[1] > a[1].max(b[1])
+    if p == a
+        || p == b
+        || p[0] < a[0].min(b[0])
+        || p[0] > a[0].max(b[0])
+        || p[1] < a[1].min(b[1])
+        || p[1] > a[1].max(b[1])
     {
         return false;
     }

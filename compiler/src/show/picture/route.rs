@@ -1,6 +1,6 @@
 //! Lines with corners, where no straight one is free: the cheapest way over a fine grid, round labels and marks.
 
-use super::geometry::{Point, Rect, Segment, distance};
+use super::geometry::{Point, Rect, Segment, along, apart, distance};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -34,8 +34,10 @@ pub(crate) struct Field {
     size: [usize; 2],
     /// What is at each point.
     at: Vec<u8>,
-    /// Where bonds have signs at their ends.
-    signs: Vec<Segment>,
+    /// What lines and their signs are drawn by, and whose signals they are, counted from 1.
+    drawn: Vec<(Segment, u32)>,
+    /// All lines, and whose signals they are, counted from 1.
+    lines: Vec<(Segment, u32)>,
     /// Whose signal alone runs there, counted from 1.
     owner: Vec<u32>,
 }
@@ -45,9 +47,12 @@ pub(crate) struct Field {
 pub(crate) struct End {
     /// How far it is straight.
     pub(crate) lead: f64,
-    /// How far it is from the signs of others.
-    pub(crate) clear: f64,
+    /// How far signs reach from it; less than 0 if there are none.
+    pub(crate) sign: f64,
 }
+
+/// Half of the width of a sign.
+const SIGN: f64 = 6.5;
 
 /// Half of what lines may start from, at a label that is shorter.
 const SHORT: f64 = 16.0;
@@ -60,7 +65,14 @@ impl Field {
     pub(crate) fn new(all: Rect) -> Self {
         let low = [0, 1].map(|k| ((all.middle[k] - all.half[k]) / STEP).floor() * STEP);
         let size = [0, 1].map(|k| ((2.0 * all.half[k]) / STEP).ceil() as usize + 2);
-        Field { low, size, at: vec![FREE; size[0] * size[1]], signs: Vec::new(), owner: vec![0; size[0] * size[1]] }
+        Field {
+            low,
+            size,
+            at: vec![FREE; size[0] * size[1]],
+            drawn: Vec::new(),
+            lines: Vec::new(),
+            owner: vec![0; size[0] * size[1]],
+        }
     }
 
     fn point(&self, cell: usize) -> Point {
@@ -92,12 +104,20 @@ impl Field {
         }
     }
 
-    /// Nothing may run through the signs at the end of a bond, nor may others stand beside them.
-    pub(crate) fn sign(&mut self, s: Segment, reach: f64) {
-        let middle = [0, 1].map(|k| 0.5 * (s[0][k] + s[1][k]));
-        let half = [0, 1].map(|k| 0.5 * (s[0][k] - s[1][k]).abs() + reach);
-        self.block(Rect { middle, half });
-        self.signs.push(s);
+    /// What is drawn: signs of others keep off it.
+    pub(crate) fn draw(&mut self, segments: &[Segment], node: Option<usize>) {
+        self.drawn.extend(segments.iter().map(|s| (*s, node.map_or(0, |o| o as u32 + 1))));
+    }
+
+    /// Whether signs at an end of a bond would meet nothing that is drawn.
+    fn clear(&self, tip: Point, way: usize, sign: f64) -> bool {
+        let (out, across) = (WAYS[way].map(f64::from), WAYS[(way + 1) % 4].map(f64::from));
+        let at = |t: f64, s: f64| along(along(tip, out, t), across, s);
+        let signs = [2.0, sign + 2.0].map(|t| [at(t, -SIGN), at(t, SIGN)]);
+        let near = |(s, _): &&(Segment, u32)| {
+            (0..2).all(|k| (s[0][k].min(s[1][k]) - 40.0..s[0][k].max(s[1][k]) + 40.0).contains(&tip[k]))
+        };
+        self.drawn.iter().filter(near).all(|(s, _)| signs.iter().all(|own| apart(*own, *s) >= 2.5))
     }
 
     /// What crosses a line is to do so straight, except for signals from the same node, which may share it.
@@ -105,6 +125,7 @@ impl Field {
         let middle = [0, 1].map(|k| 0.5 * (s[0][k] + s[1][k]));
         let half = [0, 1].map(|k| 0.5 * (s[0][k] - s[1][k]).abs() + BESIDE);
         let owner = node.map_or(0, |o| o as u32 + 1);
+        self.lines.push((s, owner));
         for cell in self.cells(Rect { middle, half }) {
             let off = distance(self.point(cell), s);
             if off >= BESIDE || self.at[cell] == FULL {
@@ -124,7 +145,7 @@ impl Field {
             let k = usize::from(d[0] == 0);
             let across = 1 - k;
             // A line may start a little beside a short label.
-            let reach = (r.half[across] - 3.0).max(SHORT.min(r.half[across] + 4.0));
+            let reach = (r.half[across] - 1.0).max(SHORT.min(r.half[across] + 4.0));
             let from = ((r.middle[across] - reach - self.low[across]) / STEP).ceil() as i64;
             let to = ((r.middle[across] + reach - self.low[across]) / STEP).floor() as i64;
             let edge = r.middle[k] + f64::from(d[k]) * r.half[k];
@@ -142,10 +163,15 @@ impl Field {
                     inside.then(|| c[1] as usize * self.size[0] + c[0] as usize)
                 };
                 let own = |c: usize| owner > 0 && self.owner[c] == owner;
-                let free = |n: i64| cell(n).is_some_and(|c| self.at[c] == FREE || own(c) || n == 0 && self.at[c] == FULL);
+                let free =
+                    |n: i64| cell(n).is_some_and(|c| self.at[c] == FREE || own(c) || n == 0 && self.at[c] == FULL);
                 let mut tip = [0.0; 2];
                 (tip[k], tip[across]) = (edge, self.low[across] + line as f64 * STEP);
-                let alone = end.clear == 0.0 || self.signs.iter().all(|s| distance(tip, *s) >= end.clear);
+                let other = |(s, o): &(Segment, u32)| owner > 0 && *o == owner || distance(tip, *s) >= BESIDE - 1.0;
+                let beside = |(s, o): &(Segment, u32)| *o != owner && distance(tip, *s) < BESIDE - 3.0;
+                let alone = self.lines.iter().all(other)
+                    && (owner == 0 || !self.drawn.iter().any(beside))
+                    && (end.sign < 0.0 || self.clear(tip, way, end.sign));
                 if alone && (0..=steps).all(free) {
                     list.extend(cell(steps).map(|c| (c, way, (off * 0.6) as u32)));
                 }

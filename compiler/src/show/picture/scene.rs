@@ -1,7 +1,7 @@
 //! A picture as lines, boxes and texts at their places: bonds straight where the way is free, else with corners; then
 //! signals; then names where nothing else is.
 
-use super::diagram::{Bonds, Diagram, LETTERS, Link, SMALL, Shape};
+use super::diagram::{Bonds, Diagram, Link, SMALL, Shape};
 use super::font::width;
 use super::geometry::{Point, Rect, Segment, along, apart, cross, distance, length, minus, unit};
 use super::grid;
@@ -54,13 +54,11 @@ struct Signs {
     bar: f64,
     double: f64,
     barb: [f64; 2],
-    /// From the end of a bond, as far as its signs reach.
-    zone: f64,
     /// The head of a signal: its length and half its width.
     head: [f64; 2],
 }
 
-const SIGNS: Signs = Signs { stroke: 6.5, bar: 11.0, double: 2.0, barb: [10.0, 6.5], zone: 12.0, head: [8.0, 3.2] };
+const SIGNS: Signs = Signs { stroke: 6.5, bar: 11.0, double: 2.0, barb: [10.0, 6.5], head: [8.0, 3.2] };
 
 /// By how much a slanted bond is shorter at its two ends, the least first.
 const SHORTER: [[f64; 2]; 13] = [
@@ -80,7 +78,7 @@ const SHORTER: [[f64; 2]; 13] = [
 ];
 
 /// By how much farther apart nodes are where some line finds no way.
-const WIDER: [f64; 3] = [1.25, 1.5, 2.0];
+const WIDER: [f64; 5] = [1.25, 1.5, 2.0, 2.5, 3.0];
 
 /// How near lines and labels may come to one another.
 const CLEAR: f64 = 3.0;
@@ -104,40 +102,39 @@ impl Path {
     }
 }
 
+/// Where everything is.
+struct Drawn {
+    nodes: Vec<Rect>,
+    frames: Vec<Rect>,
+    paths: Vec<Path>,
+    /// The titles of boxes, in their order.
+    titles: Vec<Rect>,
+    /// The texts at each link.
+    names: Vec<(usize, String, Rect)>,
+    /// How many lines found no way, and texts no place.
+    lost: usize,
+}
+
 /// The picture of a diagram.
 pub(crate) fn scene(diagram: &Diagram) -> Scene {
     let cells = grid::place(diagram);
-    let (nodes, frames, paths) = drawn(diagram, &cells);
+    let drawn = drawn(diagram, &cells);
     let mut scene = Scene::default();
-    let mut labels: Vec<Rect> = Vec::new();
-    let mut names: Vec<Item> = Vec::new();
-    for (g, r) in diagram.groups.iter().zip(&frames).filter(|(_, r)| r.half[0] < 1e300 && r.half[0] > 0.0) {
+    let item = |id: &str, title: &str, class, marks| Item { id: id.into(), title: title.into(), class, marks };
+    for (g, r) in diagram.groups.iter().zip(&drawn.frames).filter(|(_, r)| is_drawn(r)) {
         let class = if g.sampled { "sampled" } else { "part" };
-        let mut item = Item { id: String::new(), title: g.name.clone(), class: "box", marks: Vec::new() };
-        item.marks.push(Mark::Frame(*r, 8.0, class));
-        scene.items.push(item);
-        let at = title(&g.name, *r, (&nodes, &paths, &labels, &frames));
-        labels.push(at);
-        let text = Mark::Text(at.middle, vec![(g.name.clone(), SMALL)], "label");
-        names.push(Item { id: String::new(), title: String::new(), class: "box", marks: vec![text] });
+        scene.items.push(item("", &g.name, "box", vec![Mark::Frame(*r, 8.0, class)]));
     }
-    for (l, path) in diagram.links.iter().zip(&paths) {
-        let marks = signs(l, path);
+    let first = scene.items.len();
+    for (l, path) in diagram.links.iter().zip(&drawn.paths) {
         let class = if l.bonds.is_some() { "bond" } else { "signal" };
-        scene.items.push(Item { id: l.id.clone(), title: l.title.clone(), class, marks });
+        scene.items.push(item(&l.id, &l.title, class, signs(l, path)));
     }
-    branches(diagram, &paths, &mut scene);
-    // Names, where all lines are known.
-    let count = scene.items.len() - diagram.links.len();
-    for (i, l) in diagram.links.iter().enumerate() {
-        for (text, wish) in wishes(l, &paths[i]) {
-            let half = [0.5 * width(&text, SMALL) + 1.0, 5.5];
-            let at = spot(&wish, half, (&nodes, &paths, &labels, &frames), i);
-            labels.push(Rect { middle: at, half });
-            scene.items[count + i].marks.push(Mark::Text(at, vec![(text, SMALL)], "name"));
-        }
+    branches(diagram, &drawn.paths, &mut scene);
+    for (i, text, at) in &drawn.names {
+        scene.items[first + i].marks.push(Mark::Text(at.middle, vec![(text.clone(), SMALL)], "name"));
     }
-    for (n, r) in diagram.nodes.iter().zip(&nodes) {
+    for (n, r) in diagram.nodes.iter().zip(&drawn.nodes) {
         let mut marks = Vec::new();
         match n.shape {
             Shape::Block => marks.push(Mark::Frame(*r, 2.0, "block")),
@@ -151,32 +148,61 @@ pub(crate) fn scene(diagram: &Diagram) -> Scene {
             (Shape::Element | Shape::Block | Shape::Input, false) => "element",
         };
         marks.push(Mark::Text(r.middle, n.runs(), class));
-        scene.items.push(Item { id: n.id.clone(), title: n.title.clone(), class: "node", marks });
+        scene.items.push(item(&n.id, &n.title, "node", marks));
     }
-    scene.items.extend(names);
-    frame(&mut scene, nodes.iter().chain(&labels).chain(frames.iter().filter(|r| r.half[0] < 1e300)), &paths);
+    let boxes = diagram.groups.iter().zip(&drawn.frames).filter(|(_, r)| is_drawn(r));
+    for ((g, _), at) in boxes.zip(&drawn.titles) {
+        let text = Mark::Text(at.middle, vec![(g.name.clone(), SMALL)], "label");
+        scene.items.push(item("", "", "box", vec![text]));
+    }
+    let names = drawn.names.iter().map(|n| &n.2);
+    let frames = drawn.frames.iter().filter(|r| is_drawn(r));
+    frame(&mut scene, drawn.nodes.iter().chain(&drawn.titles).chain(names).chain(frames), &drawn.paths);
     scene
 }
 
-/// Nodes, boxes and lines: farther apart where some line finds no way.
-fn drawn(diagram: &Diagram, cells: &[grid::Cell]) -> (Vec<Rect>, Vec<Rect>, Vec<Path>) {
-    let at = |scale: f64| {
-        let nodes = spread(diagram, cells, scale);
-        let frames = frames(diagram, &nodes);
-        let (paths, lost) = paths(diagram, &nodes, &frames);
-        (lost, (nodes, frames, paths))
-    };
-    let mut best = at(1.0);
+/// Whether a box has anything in it.
+fn is_drawn(r: &Rect) -> bool {
+    r.half[0] > 0.0 && r.half[0] < 1e300
+}
+
+/// Everything at its place: farther apart where some line finds no way, or some text no place.
+fn drawn(diagram: &Diagram, cells: &[grid::Cell]) -> Drawn {
+    let mut best = drawn_at(diagram, cells, 1.0);
     for scale in WIDER {
-        if best.0 == 0 {
+        if best.lost == 0 {
             break;
         }
-        let next = at(scale);
-        if next.0 < best.0 {
+        let next = drawn_at(diagram, cells, scale);
+        if next.lost < best.lost {
             best = next;
         }
     }
-    best.1
+    best
+}
+
+fn drawn_at(diagram: &Diagram, cells: &[grid::Cell], scale: f64) -> Drawn {
+    let nodes = spread(diagram, cells, scale);
+    let frames = frames(diagram, &nodes);
+    let (paths, mut lost) = paths(diagram, &nodes, &frames);
+    let mut labels: Vec<Rect> = Vec::new();
+    for (g, r) in diagram.groups.iter().zip(&frames).filter(|(_, r)| is_drawn(r)) {
+        let (at, price) = title(&g.name, *r, (&nodes, &paths, &labels, &frames));
+        lost += usize::from(price >= 1.0);
+        labels.push(at);
+    }
+    let titles = labels.clone();
+    let mut names = Vec::new();
+    for (i, l) in diagram.links.iter().enumerate() {
+        for (text, wish) in wishes(l, &paths[i]) {
+            let half = [0.5 * width(&text, SMALL) + 1.0, 5.5];
+            let (middle, price) = spot(&wish, half, (&nodes, &paths, &labels, &frames), i);
+            lost += usize::from(price >= 1.0);
+            labels.push(Rect { middle, half });
+            names.push((i, text, Rect { middle, half }));
+        }
+    }
+    Drawn { nodes, frames, paths, titles, names, lost }
 }
 
 /// Dots where a signal leaves the way that it shares with one from the same node.
@@ -283,10 +309,9 @@ fn paths(diagram: &Diagram, nodes: &[Rect], frames: &[Rect]) -> (Vec<Path>, usiz
     for (i, path) in left {
         let l = &links[i];
         let long = if l.bonds.as_ref().is_some_and(|b| b.sampled) { 24.0 } else { 16.0 };
-        let clear = 2.0 * SIGNS.stroke + CLEAR;
         let stroke = l.bonds.as_ref().is_some_and(|b| b.strokes[0] > 0);
-        let tail = End { lead: long, clear: if stroke { clear } else { 0.0 } };
-        let ends = [tail, End { lead: 16.0, clear }];
+        let tail = End { lead: long, sign: if stroke { 0.0 } else { -1.0 } };
+        let ends = [tail, End { lead: 16.0, sign: SIGNS.barb[0] }];
         let way = field.route((nodes[l.tail], nodes[l.head]), ends, LENGTHS.air, None);
         lost += usize::from(way.is_none());
         let path = way.map_or(path, |points| with_signs(l, points));
@@ -298,7 +323,7 @@ fn paths(diagram: &Diagram, nodes: &[Rect], frames: &[Rect]) -> (Vec<Path>, usiz
     signals.sort_by(|a, b| far(a).total_cmp(&far(b)).then(a.cmp(b)));
     for i in signals {
         let l = &links[i];
-        let ends = [4.0, 12.0].map(|lead| End { lead, clear: 0.0 });
+        let ends = [End { lead: 4.0, sign: -1.0 }, End { lead: 12.0, sign: 0.0 }];
         let way = field.route((nodes[l.tail], nodes[l.head]), ends, 2.0, Some(l.tail));
         lost += usize::from(way.is_none());
         let path = match way {
@@ -314,8 +339,11 @@ fn paths(diagram: &Diagram, nodes: &[Rect], frames: &[Rect]) -> (Vec<Path>, usiz
 /// Takes the place of a line from others.
 fn occupy(field: &mut Field, path: &Path, node: Option<usize>) {
     path.segments().for_each(|s| field.line(s, node));
+    field.draw(&path.signs, node);
     for z in path.zones.iter().chain(&path.bars) {
-        field.sign(*z, SIGNS.stroke + 2.0);
+        let middle = [0, 1].map(|k| 0.5 * (z[0][k] + z[1][k]));
+        let half = [0, 1].map(|k| 0.5 * (z[0][k] - z[1][k]).abs() + SIGNS.stroke + 2.0);
+        field.block(Rect { middle, half });
     }
 }
 
@@ -345,11 +373,12 @@ fn with_signs(l: &Link, points: Vec<Point>) -> Path {
         None => zones.push([ends[1].0, along(ends[1].0, unit(minus(ends[1].1, ends[1].0)), SIGNS.head[0])]),
     }
     let mut path = Path { points, is_bond: l.bonds.is_some(), zones, bars, signs: Vec::new() };
-    if path.is_bond {
-        let drawn = signs(l, &path);
-        let lines = drawn.iter().filter_map(|m| if let Mark::Line(list, _) = m { Some(list) } else { None });
-        path.signs = lines.flat_map(|list| list.windows(2).map(|w| [w[0], w[1]])).collect();
-    }
+    let drawn = signs(l, &path);
+    let lines = drawn.iter().filter_map(|m| match m {
+        Mark::Line(list, _) | Mark::Area(list, _) => Some(list),
+        Mark::Dot(_) | Mark::Frame(..) | Mark::Text(..) => None,
+    });
+    path.signs = lines.flat_map(|list| list.windows(2).map(|w| [w[0], w[1]])).collect();
     path
 }
 
@@ -506,7 +535,8 @@ fn wishes(l: &Link, path: &Path) -> Vec<(String, Wish)> {
         list.push((text.clone(), wish));
     }
     let n = path.points.len();
-    for (text, (p, q)) in l.ports.iter().zip([(path.points[0], path.points[1]), (path.points[n - 1], path.points[n - 2])])
+    for (text, (p, q)) in
+        l.ports.iter().zip([(path.points[0], path.points[1]), (path.points[n - 1], path.points[n - 2])])
     {
         if text.is_empty() {
             continue;
@@ -527,7 +557,7 @@ fn wishes(l: &Link, path: &Path) -> Vec<(String, Wish)> {
 }
 
 /// The first wish where a text meets nothing; else where it meets the least.
-fn spot(wish: &Wish, half: Point, around: Around<'_>, own: usize) -> Point {
+fn spot(wish: &Wish, half: Point, around: Around<'_>, own: usize) -> (Point, f64) {
     let paths = around.1;
     let mut best = ([0.0; 2], f64::MAX);
     let base = if paths[own].is_bond { 3.5 } else { 2.5 };
@@ -544,7 +574,7 @@ fn spot(wish: &Wish, half: Point, around: Around<'_>, own: usize) -> Point {
             break;
         }
     }
-    best.0
+    best
 }
 
 /// Nodes, lines, texts and boxes.
@@ -563,21 +593,24 @@ fn price(r: Rect, (nodes, paths, labels, frames): Around<'_>) -> f64 {
 }
 
 /// Where the title of a box stands: in a corner of it, where the fewest lines run.
-fn title(text: &str, r: Rect, around: Around<'_>) -> Rect {
+fn title(text: &str, r: Rect, around: Around<'_>) -> (Rect, f64) {
     let half = [0.5 * width(text, SMALL), 5.5];
     let top = r.middle[1] - r.half[1] + 9.0;
     let bottom = r.middle[1] + r.half[1] + 9.0;
-    let (left, right) = (r.middle[0] - r.half[0] + half[0] + 7.0, r.middle[0] + r.half[0] - half[0] - 7.0);
+    let left = r.middle[0] - r.half[0] + half[0] + 7.0;
+    let free = r.half[0] - half[0] - 7.0;
     let mut best = (Rect { middle: [left, top], half }, f64::MAX);
-    let mut places = Vec::new();
+    let mut places = vec![[left, top], [left + 2.0 * free.max(0.0), top]];
     for y in [top, r.middle[1] - r.half[1] - 8.0, bottom] {
-        for t in [0.0, 1.0, 0.5, 0.25, 0.75] {
-            places.push([left + t * (right - left).max(0.0), y]);
+        // Farther and farther from the middle, as far as half of it is outside.
+        for k in 0..12 {
+            let step = if k % 2 == 0 { 1.0 } else { -1.0 } * f64::from((k + 1) / 2) / 6.0;
+            places.push([r.middle[0] + step * (free.max(0.0) + half[0]), y]);
         }
     }
     // Beside a box that is too narrow.
     for side in [1.0, -1.0] {
-        for y in [top, r.middle[1], bottom - 18.0] {
+        for y in [0.0, 0.5, 1.0, 0.25, 0.75].map(|t| top + t * (bottom - 18.0 - top)) {
             places.push([r.middle[0] + side * (r.half[0] + half[0] + 4.0), y]);
         }
     }
@@ -588,6 +621,5 @@ fn title(text: &str, r: Rect, around: Around<'_>) -> Rect {
             best = (at, price);
         }
     }
-    best.0
+    best
 }
-

@@ -99,9 +99,7 @@ fn boxes(diagram: &Diagram, cells: &[Cell], halves: &[Point], k: usize, rules: &
                 continue;
             }
             // The edges between the two: of boxes of which one of them is a member.
-            let near = |g: &usize, other: usize| {
-                (bounds[*g][0] - 1..=bounds[*g][1] + 1).contains(&cells[other][1 - k])
-            };
+            let near = |g: &usize, other: usize| (bounds[*g][0] - 1..=bounds[*g][1] + 1).contains(&cells[other][1 - k]);
             let left = chains[i].iter().filter(|g| !chains[j].contains(g) && near(g, j)).count() as f64;
             let right = chains[j].iter().filter(|g| !chains[i].contains(g) && near(g, i)).count() as f64;
             if left + right > 0.0 {
