@@ -108,7 +108,7 @@ impl<'a> Signals<'a> {
         }
         // What one law reads is made by one controller.
         for e in &self.shown.model.elements {
-            let makers: Vec<usize> = drives(&self.shown.model, e).iter().filter_map(|o| at.get(o).copied()).collect();
+            let makers: Vec<usize> = drives(self.shown.model, e).iter().filter_map(|o| at.get(o).copied()).collect();
             for pair in makers.windows(2) {
                 if self.part(list[pair[0]]).is_none() && self.part(list[pair[1]]).is_none() {
                     same_place(pair[0], pair[1], &mut sets);

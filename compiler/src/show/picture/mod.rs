@@ -1,6 +1,6 @@
 //! Pictures of bond graphs, as on a whiteboard.
 //!
-//! `build` makes a diagram of the model: nodes, links, boxes. `grid` gives each node a cell, begun by `stress`. `spread`
+//! `build` makes a diagram of the model. `grid` gives each node a cell, begun by `stress`. `spread`
 //! makes pixels of cells, by the widths of texts in `font`. `scene` draws links, straight where the way is free, else
 //! by `route`, and finds places for names. `svg`, `tikz` and `dot` write it down.
 

@@ -586,8 +586,7 @@ fn price(r: Rect, (nodes, paths, labels, frames): Around<'_>) -> f64 {
     let mut price = frames.iter().filter(|f| f.meets(grown) && !f.covers(grown)).count() as f64;
     price += 3.0 * nodes.iter().chain(labels).filter(|o| o.meets(grown)).count() as f64;
     for p in paths {
-        price += p.segments().filter(|s| grown.crossed(*s)).count() as f64;
-        price += 2.0 * p.zones.iter().chain(&p.bars).filter(|z| r.grown(SIGNS.stroke).crossed(**z)).count() as f64;
+        price += p.signs.iter().filter(|s| grown.crossed(**s)).count() as f64;
     }
     price
 }
