@@ -5,7 +5,7 @@
 //! states of a `sampled` block; or the continuous regions and signal states that read each other's signals.
 
 use crate::exponential::Linear;
-use crate::history::SLOTS;
+use crate::history::{NODES, SLOTS};
 use crate::ir::{Array, Program};
 use crate::options::NumericOptions;
 use serde::{Deserialize, Serialize};
@@ -638,6 +638,17 @@ impl Cluster {
     /// First input slot of the traces.
     pub fn traces_at(&self) -> usize {
         self.lines_at() + self.lines.iter().map(|line| line.carried.slots()).sum::<usize>()
+    }
+
+    /// Whether it delays signals in continuous time.
+    pub fn has_continuous_delays(&self) -> bool {
+        self.lines.iter().any(|line| matches!(line.carried, Carried::Signal { .. }))
+    }
+
+    /// By how many values in a step its delayed signals are taken down: as many as the order of the step is worth.
+    pub fn nodes(&self) -> usize {
+        let order = self.step.properties.order as usize;
+        if order == 0 { NODES.len() } else { (order + 2).clamp(5, NODES.len()) }
     }
 
     /// The step along a branch, where there is one.

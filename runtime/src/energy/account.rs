@@ -92,8 +92,8 @@ pub fn book_step<M: Machine, K: Memory<M>>(
             let fall = heats.fold(zero, |fall, heat| larger(m, fall, -heat));
             m.when(zero.below(fall), || note_error(m, k, d.second_law_violation, [fall, scale], floor, false))?;
         }
-        gather_elements(m, k, e, p);
     }
+    gather_elements(m, k, e, p);
     if !e.dissipated.is_empty() {
         k.gather(p.dissipated, dissipated);
         m.when(least.below(zero), || {
@@ -152,12 +152,12 @@ fn flows<M: Machine, K: Memory<M>>(m: M, k: K, e: &Entries) -> [M::Number; 4] {
 
 /// Books what single elements supplied, dissipated and produced.
 fn gather_elements<M: Machine, K: Memory<M>>(_: M, k: K, e: &Entries, p: &AccountPlaces) {
-    let Some(d) = &p.detail else { return };
-    if d.sources != p.supplied {
+    if let Some(sources) = p.sources.filter(|sources| *sources != p.supplied) {
         for (i, (_, slot)) in e.supplied.iter().enumerate().filter(|(i, _)| !e.held.contains(i)) {
-            k.gather(d.sources.plus(2 * i), k.output(*slot));
+            k.gather(sources.plus(2 * i), k.output(*slot));
         }
     }
+    let Some(d) = &p.detail else { return };
     if d.resistors != p.dissipated {
         for (i, (_, slot)) in e.dissipated.iter().enumerate() {
             k.gather(d.resistors.plus(2 * i), k.output(*slot));
@@ -245,7 +245,6 @@ mod tests {
             second_law_violation: ErrorPlaces::Ratio(at(26)),
             modified: at(27),
             energy_excess: at(29),
-            sources: at(31),
             resistors: at(33),
             produced: at(35),
         }
@@ -264,7 +263,7 @@ mod tests {
     /// was given.
     #[test]
     fn what_is_given_excuses_an_energy_that_is_too_large() {
-        let p = AccountPlaces { detail: Some(detail()), ..account() };
+        let p = AccountPlaces { sources: Some(at(31)), detail: Some(detail()), ..account() };
         let supplied = vec![("push".into(), 1)];
         let e = Entries { modified: Some(2), faintest: 0.1, supplied, ..Entries::default() };
         let ledger = book(&e, &p, &[2.0, 2.0, 3.0]);
@@ -278,7 +277,7 @@ mod tests {
     /// Of two fields whose entropies fall and grow it is the fall that counts, beside what is turned over.
     #[test]
     fn a_fall_of_entropy_is_noted() {
-        let p = AccountPlaces { detail: Some(detail()), ..account() };
+        let p = AccountPlaces { sources: Some(at(31)), detail: Some(detail()), ..account() };
         let field = |n: usize| Produced { name: format!("field {n}"), entropy: 2 * n, heat: 2 * n + 1 };
         let e =
             Entries { supplied: vec![("heat".into(), 0)], produced: vec![field(1), field(2)], ..Entries::default() };
@@ -297,7 +296,7 @@ mod tests {
             assert_eq!(book(&e, &account(), &[3.0]).get(at(16)), top, "{least}");
         }
         let e = Entries { supplied, ..Entries::default() };
-        let p = AccountPlaces { detail: Some(detail()), ..account() };
+        let p = AccountPlaces { sources: Some(at(31)), detail: Some(detail()), ..account() };
         assert_eq!(book(&e, &p, &[3.0]).get(at(16)), 3.0);
     }
 }

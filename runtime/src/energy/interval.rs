@@ -90,8 +90,8 @@ fn settle_account<M: Machine, K: Memory<M>>(
         turned = turned + energy.abs();
         // A source beside the port may have the name of what it joins.
         let source = e.held.iter().copied().find(|i| e.supplied[*i].0 == port.name);
-        if let (Some(d), Some(source)) = (&p.detail, source) {
-            k.gather(d.sources.plus(2 * source), energy);
+        if let (Some(sources), Some(source)) = (p.sources, source) {
+            k.gather(sources.plus(2 * source), energy);
         }
     }
     let mut stored = k.load(p.stored);
@@ -155,8 +155,8 @@ fn shorten<M: Machine, K: Memory<M>>(m: M, k: K, (c, l): (&Cluster, &Layout), pa
                 k.gather(p.supplied, back);
                 k.gather(p.leaked, -back);
                 k.add(p.stored, back);
-                if let Some(d) = &p.detail {
-                    k.gather(d.sources.plus(2 * x.source), back);
+                if let Some(sources) = p.sources {
+                    k.gather(sources.plus(2 * x.source), back);
                 }
             }
         }

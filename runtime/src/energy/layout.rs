@@ -1,6 +1,6 @@
 //! Where the numbers of a cluster's ledger and holds are in its block.
 
-use crate::scene::{Cluster, Entries};
+use crate::scene::{Cluster, Entries, Scene, TransmissionLine};
 
 /// Order of the autoregressive model that predicts the free response: two coefficients for each way in which the other
 /// side can swing.
@@ -89,6 +89,9 @@ pub struct AccountPlaces {
     pub work: Option<WorkPlaces>,
     /// Where it has sources of its own: what they took back since there last was something to give.
     pub absorbed: Option<AbsorbedPlaces>,
+    /// A sum per source; the region's own where there is one source alone. A stand-alone module keeps them where a line
+    /// in continuous time gives back what it was given.
+    pub sources: Option<Place>,
     /// What a run keeps besides, and a stand-alone module does not.
     pub detail: Option<DetailPlaces>,
 }
@@ -145,12 +148,21 @@ pub struct DetailPlaces {
     /// The most that H was above what it was at the start and what was given since: relative to the largest that was
     /// held until then, and in J.
     pub energy_excess: Place,
-    /// A sum per source; the region's own where there is one source alone.
-    pub sources: Place,
-    /// A sum per resistor, likewise.
+    /// A sum per resistor; the region's own where there is one resistor alone.
     pub resistors: Place,
     /// A sum per field with thermal ports: the entropy that it produced, J/K.
     pub produced: Place,
+}
+
+/// A line in continuous time, whose ends are of one cluster.
+#[derive(Clone, Debug)]
+pub struct Waves {
+    /// First input slots of what comes out at its ends.
+    pub slots: [usize; 2],
+    /// What the ends gave: sums.
+    pub given: [Place; 2],
+    /// One over its impedance, SI.
+    pub admittance: f64,
 }
 
 /// Places of a port that a sampled cluster holds.
@@ -243,7 +255,10 @@ impl Taking {
     fn account(&mut self, c: &Cluster, e: &Entries) -> AccountPlaces {
         let first = self.take(ACCOUNT.len());
         let named = |name: &str| first.plus(ACCOUNT.iter().position(|n| *n == name).unwrap_or(0));
-        let detail = self.detail.then(|| self.detail(c, e, named("supplied"), named("dissipated")));
+        let detail = self.detail.then(|| self.detail(e, named("dissipated")));
+        let alone = c.holds.is_empty() && e.supplied.len() == 1;
+        let sources = (self.detail || c.has_continuous_delays())
+            .then(|| if alone { named("supplied") } else { self.take(2 * e.supplied.len()) });
         let (worst, gained) = match &detail {
             Some(_) => (self.tops(), self.tops()),
             None => (ErrorPlaces::Ratio(named("worst")), ErrorPlaces::Ratio(named("gained"))),
@@ -272,12 +287,12 @@ impl Taking {
                 heat: self.take(1),
             }),
             absorbed: e.sources().next().map(|_| AbsorbedPlaces { sums: self.take(2), counted_on: self.take(2) }),
+            sources,
             detail,
         }
     }
 
-    fn detail(&mut self, c: &Cluster, e: &Entries, supplied: Place, dissipated: Place) -> DetailPlaces {
-        let alone = c.holds.is_empty() && e.supplied.len() == 1;
+    fn detail(&mut self, e: &Entries, dissipated: Place) -> DetailPlaces {
         DetailPlaces {
             stored_max: self.take(1),
             crossed_max: self.take(1),
@@ -287,7 +302,6 @@ impl Taking {
             second_law_violation: self.tops(),
             modified: self.take(2),
             energy_excess: self.take(2),
-            sources: if alone { supplied } else { self.take(2 * e.supplied.len()) },
             resistors: if e.dissipated.len() == 1 { dissipated } else { self.take(2 * e.dissipated.len()) },
             produced: self.take(2 * e.produced.len()),
         }
@@ -330,6 +344,18 @@ impl Layout {
         };
         let accounts = c.entries.iter().map(|e| taking.account(c, e)).collect();
         Self { size: taking.size, logs: taking.logs, held, stake, accounts }
+    }
+
+    /// The lines in continuous time whose ends are of the cluster with this number, which has this layout.
+    pub fn waves(&self, cluster: usize, scene: &Scene) -> Vec<Waves> {
+        let of = |line: &TransmissionLine| {
+            let slots = line.out.filter(|_| line.ends[0].0 == cluster)?;
+            let given =
+                |(_, entry, at): (usize, usize, usize)| Some(self.accounts.get(entry)?.sources?.plus(2 * at));
+            let given = [given(line.ends[0])?, given(line.ends[1])?];
+            Some(Waves { slots, given, admittance: line.admittance })
+        };
+        scene.lines.iter().filter_map(of).collect()
     }
 
     /// The block of a cluster whose regions start with these energies, J.

@@ -17,7 +17,7 @@ mod worst;
 
 pub use layout::{
     ACCOUNT, AR_COEFFICIENTS, AR_ORDER, AbsorbedPlaces, AccountPlaces, CountPlaces, DetailPlaces, ErrorPlaces,
-    HeldPlaces, Layout, Place, StakePlaces, WorkPlaces,
+    HeldPlaces, Layout, Place, StakePlaces, Waves, WorkPlaces,
 };
 pub(crate) use ledger::{Booking, Ledger};
 pub(crate) use worst::Worst;

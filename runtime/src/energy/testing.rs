@@ -28,6 +28,7 @@ pub fn account() -> AccountPlaces {
         h_least: at(17),
         work: None,
         absorbed: None,
+        sources: None,
         detail: None,
     }
 }

@@ -1,12 +1,12 @@
 //! A cluster as it runs: its state, its steps, its ledger.
 
-use super::delay_line::{Record, Waves};
+use super::delay_line::Record;
 use super::guard::Watch;
 use super::input_signal::{ClusterInputs, InputSignal};
 use super::program::{Look, Ready};
 use super::watched::Drawn;
 use super::{Error, Options};
-use crate::energy::{AccountPlaces, Booking, Layout, Ledger, account};
+use crate::energy::{AccountPlaces, Booking, Layout, Ledger, Waves, account};
 use crate::interpreter::Interpret;
 use crate::ir::{Array, Slot};
 use crate::kernel::{Backend, Failure};
@@ -84,7 +84,7 @@ impl Run {
         let branch = c.branch().filter(|_| fitted);
         let branches = c.guards.as_ref().filter(|_| branch.is_some()).map_or(0, |g| g.count);
         let mut input = vec![0.0; c.branches_at() + branches];
-        let signals = ClusterInputs::new(c, given);
+        let signals = ClusterInputs::new(c, given, options);
         signals.latch(&mut input, 0.0);
         signals.lines.begin(&mut input);
         leave_traces(&mut input, &state, c);
@@ -113,7 +113,7 @@ impl Run {
             traced: c.is_traced(),
             glanced: state.clone(),
             aside: state.clone(),
-            waves: Waves::of(scene, index, &layout),
+            waves: layout.waves(index, scene),
             record: Record::new(c, options.tolerance, c.step.program.size(Array::Output)),
             state,
             input,

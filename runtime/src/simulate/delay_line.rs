@@ -1,9 +1,9 @@
 //! What is on its way in the delays of a cluster: of a sampled one numbers in a ring, of a continuous one what the
 //! signal was ([`History`]).
 
-use crate::energy::{Layout, Place};
-use crate::history::{History, NODES, SLOTS};
-use crate::scene::{Carried, Cluster, Scene, TransmissionLine};
+use super::Options;
+use crate::history::{History, NODES, SLOTS, SMOOTH, Shape};
+use crate::scene::{Carried, Cluster};
 use serde::{Deserialize, Serialize};
 
 /// How many more numbers a ring has than it delays by: so far it can be turned back.
@@ -68,7 +68,7 @@ pub(super) struct DelayLines {
 
 impl DelayLines {
     /// Those of a cluster at its start.
-    pub(super) fn new(c: &Cluster) -> Self {
+    pub(super) fn new(c: &Cluster, options: &Options) -> Self {
         let mut lines = Self::default();
         let mut slot = c.lines_at();
         let ring = |is_wave: bool, from: usize, periods: u32, (slot, start): (usize, f64)| {
@@ -87,7 +87,10 @@ impl DelayLines {
                     lines.openings.push(Opening { line: k, output, slot, ..Opening::default() });
                 }
                 Carried::Signal { output, time } => {
-                    lines.pasts.push(Past { output, slot, history: History::new(time, line.start) });
+                    let step = options.step.unwrap_or(options.default_step);
+                    let jumps = if options.tolerance.is_some() { usize::MAX } else { Shape::jumps(time, step) };
+                    let history = History::new((time, line.start), c.nodes(), jumps);
+                    lines.pasts.push(Past { output, slot, history });
                 }
             }
             slot += line.carried.slots();
@@ -179,8 +182,8 @@ impl DelayLines {
     }
 
     /// Which derivative of what arrives may jump at an instant.
-    pub(super) fn arrives(&self, t: f64, slack: f64) -> Option<u32> {
-        self.pasts.iter().filter_map(|p| p.history.arrives(t, slack)).min()
+    pub(super) fn arrives(&self, t: f64, slack: f64) -> f64 {
+        self.pasts.iter().map(|p| p.history.arrives(t, slack)).fold(SMOOTH, f64::min)
     }
 
     /// Becomes others, as they were a little while ago: of rings it is enough to turn them back.
@@ -199,32 +202,6 @@ impl DelayLines {
     }
 }
 
-/// A line whose ends are of one cluster.
-pub(super) struct Waves {
-    /// First input slots of what comes out at its ends.
-    pub(super) slots: [usize; 2],
-    /// What the ends gave, each with its rounding error, in the ledger.
-    pub(super) given: [Place; 2],
-    /// One over its impedance.
-    pub(super) admittance: f64,
-}
-
-impl Waves {
-    /// Those of a cluster.
-    pub(super) fn of(scene: &Scene, cluster: usize, layout: &Layout) -> Vec<Self> {
-        let of = |line: &TransmissionLine| {
-            let slots = line.out.filter(|_| line.ends[0].0 == cluster)?;
-            let given = |(_, entry, at): (usize, usize, usize)| {
-                let sources = layout.accounts.get(entry)?.detail.as_ref()?.sources;
-                Some(sources.plus(2 * at))
-            };
-            let given = [given(line.ends[0])?, given(line.ends[1])?];
-            Some(Self { slots, given, admittance: line.admittance })
-        };
-        scene.lines.iter().filter_map(of).collect()
-    }
-}
-
 /// Room for what is taken down, and how well that is to be.
 pub(super) struct Record {
     /// By signal, its values at the nodes.
@@ -240,11 +217,10 @@ pub(super) struct Record {
 impl Record {
     pub(super) fn new(c: &Cluster, tolerance: Option<f64>, outputs: usize) -> Self {
         let count = c.lines.iter().filter(|_| c.period.is_none()).count();
-        let order = if c.step.properties.order == 0 { NODES.len() } else { c.step.properties.order as usize + 2 };
         let room = if count == 0 { 0 } else { outputs };
         Self {
             values: vec![[0.0; NODES.len()]; count],
-            nodes: order.clamp(5, NODES.len()),
+            nodes: c.nodes(),
             tolerance,
             next: vec![0.0; if count == 0 { 0 } else { c.initial.len() }],
             output: vec![0.0; room],

@@ -1,5 +1,6 @@
 //! Signals given from outside, over time: a value, or a table with values between its rows.
 
+use super::Options;
 use super::delay_line::DelayLines;
 use crate::scene::{Cluster, GIVEN};
 use serde::{Deserialize, Serialize};
@@ -144,9 +145,9 @@ pub(super) struct ClusterInputs {
 
 impl ClusterInputs {
     /// The defaults.
-    pub(super) fn new(c: &Cluster, all: &[InputSignal]) -> Self {
+    pub(super) fn new(c: &Cluster, all: &[InputSignal], options: &Options) -> Self {
         let signals = c.inputs.iter().filter_map(|i| all.get(*i).cloned()).collect();
-        Self { at: c.given_at(), signals, lines: DelayLines::new(c) }
+        Self { at: c.given_at(), signals, lines: DelayLines::new(c, options) }
     }
 
     /// The same without what is on its way in delays.

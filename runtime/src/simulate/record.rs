@@ -3,13 +3,12 @@
 
 use super::Error;
 use super::cluster::Run;
-use crate::history::{NODES, before_jump, interpolate, tail};
+use crate::history::{JUMP, NODES, SMOOTH, before_jump, interpolate, tail};
+use crate::machine::Real;
 use crate::scene::Cluster;
 
 /// How often a step is halved whose signals are too coarse.
 const HALVINGS: u32 = 5;
-/// How small a jump is seen where no tolerance says it: that of a run without options.
-const USUAL: f64 = 1e-6;
 
 /// A part of a step: where the step begins, where in it the part begins, and how long that is.
 type Part = (f64, f64, f64);
@@ -45,7 +44,7 @@ impl Run {
         c: &Cluster,
         (t, from, length): Part,
         (end, h): (&[f64], f64),
-        (arrives, depth): (Option<u32>, u32),
+        (arrives, depth): (f64, u32),
     ) -> Result<(), Error> {
         for k in 0..self.record.nodes {
             let ahead = from + NODES[k] * length;
@@ -67,21 +66,21 @@ impl Run {
         let n = self.record.nodes;
         // The end of a step may be just past a switch, and what is taken down is what was before.
         if c.guards.is_some() && from + length >= h {
-            self.record.values.iter_mut().for_each(|values| before_jump(&mut values[..n]));
+            self.record.values.iter_mut().for_each(|values| before_jump(Real::new(), &mut values[..n]));
         }
         let coarse = |(values, size): (&[f64; NODES.len()], f64)| {
             let mut a = *values;
-            interpolate(&mut a[..n]);
+            interpolate(Real::new(), &mut a[..n]);
             let most = values[..n].iter().fold(size, |most, x| most.max(x.abs()));
-            self.record.tolerance.is_some_and(|tolerance| tail(&a[..n]) > tolerance * most)
+            self.record.tolerance.is_some_and(|tolerance| tail(Real::new(), &a[..n]) > tolerance * most)
         };
         let sizes = self.signals.lines.pasts.iter().map(|p| p.history.size());
         if depth < HALVINGS && self.record.values.iter().zip(sizes).any(coarse) {
             let half = 0.5 * length;
             self.part(c, (t, from, half), (end, h), (arrives, depth + 1))?;
-            return self.part(c, (t, from + half, half), (end, h), (None, depth + 1));
+            return self.part(c, (t, from + half, half), (end, h), (SMOOTH, depth + 1));
         }
-        let tolerance = self.record.tolerance.unwrap_or(USUAL);
+        let tolerance = self.record.tolerance.unwrap_or(JUMP);
         for (values, past) in self.record.values.iter().zip(&mut self.signals.lines.pasts) {
             past.history.take((t + from, length), &values[..n], arrives, tolerance);
         }

@@ -133,7 +133,7 @@ impl Simulation<'_> {
 
     fn part(&self, i: usize) -> Part {
         let run = &self.runs[i];
-        let fed = ClusterInputs::new(&self.scene.clusters[i], &self.given);
+        let fed = ClusterInputs::new(&self.scene.clusters[i], &self.given, &self.options);
         let (fit, iterations) = match &self.stepping[i] {
             Stepping::Fixed(_) => (None, run.iterations()),
             Stepping::Fitted(fit) => {
@@ -238,7 +238,7 @@ impl<'a> Simulation<'a> {
             return Err(Refused::Shape("what is predicted"));
         }
         same("the ports", &part.moved, &self.moved[i])?;
-        let signals = ClusterInputs::new(c, &self.given);
+        let signals = ClusterInputs::new(c, &self.given, &self.options);
         match part.signals.take() {
             None => run.signals = signals.clone(),
             Some(saved) if saved.alike(&signals) => run.signals = saved,

@@ -313,8 +313,7 @@ impl Simulation<'_> {
     /// What its ends have booked of a line.
     fn line(&self, line: &TransmissionLine, ledgers: &[std::borrow::Cow<'_, Ledger>]) -> Option<LineSummary> {
         let given = |&(cluster, entry, at): &(usize, usize, usize)| {
-            let d = self.runs[cluster].layout.accounts[entry].detail.as_ref()?;
-            Some(ledgers[cluster].sum(d.sources.plus(2 * at)))
+            Some(ledgers[cluster].sum(self.runs[cluster].layout.accounts[entry].sources?.plus(2 * at)))
         };
         let (a, b) = (given(&line.ends[0])?, given(&line.ends[1])?);
         // As of a resistor's sum.
@@ -334,7 +333,7 @@ impl Simulation<'_> {
         let (c, run) = (&self.scene.clusters[region.cluster], &self.runs[region.cluster]);
         let k = c.entries.iter().position(|e| e.region == r)?;
         let (p, e) = (&run.layout.accounts[k], &c.entries[k]);
-        let d = p.detail.as_ref()?;
+        let (d, own) = (p.detail.as_ref()?, p.sources?);
         let number = |at: Place| ledger.get(at);
         let (control, newton_iterations) = self.stepping[region.cluster].kept(run);
         let list = |names: &[(String, usize)], sums: Place| {
@@ -350,7 +349,7 @@ impl Simulation<'_> {
         };
         let steered = e.steered.iter().map(|(source, steering)| SteeredSource {
             name: e.supplied[*source].0.clone(),
-            energy: ledger.sum(d.sources.plus(2 * source)),
+            energy: ledger.sum(own.plus(2 * source)),
             steering: *steering,
         });
         let leaked = ledger.sum(p.leaked);
@@ -413,7 +412,7 @@ impl Simulation<'_> {
                 relative_energy_excess: number(d.energy_excess),
             }),
             steered: steered.collect(),
-            sources: list(&e.supplied, d.sources),
+            sources: list(&e.supplied, own),
             resistors: list(&e.dissipated, d.resistors),
             produced: e.produced.iter().enumerate().map(entropy).collect(),
             second_law_violation: ledger.error(d.second_law_violation, floor),

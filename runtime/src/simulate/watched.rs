@@ -68,7 +68,7 @@ impl Drawn {
     /// What was put in since the start, J.
     fn net(&self, ledger: &Ledger, layout: &Layout) -> f64 {
         let (entry, source) = self.watched.entry;
-        let sums = layout.accounts[entry].detail.as_ref().map(|d| d.sources.plus(2 * source));
+        let sums = layout.accounts[entry].sources.map(|sources| sources.plus(2 * source));
         sums.map_or(0.0, |at| self.watched.sign * ledger.sum(at))
     }
 

@@ -7,7 +7,8 @@
 //! is shortened where it would be more than there is: a line gives back what it was given, and never more.
 
 use super::cluster::Run;
-use crate::history::{NODES, mean_square};
+use crate::history::{NODES, shorten};
+use crate::machine::Real;
 
 impl Run {
     /// Shortens what leaves into the lines of a sampled cluster to what it had to give.
@@ -35,14 +36,11 @@ impl Run {
     /// Shortens what comes out of lines in a step to what there is.
     fn shorten(&mut self, length: f64) {
         for waves in &self.waves {
-            let there = -(self.ledger.sum(waves.given[0]) + self.ledger.sum(waves.given[1]));
-            let squares: f64 = waves.slots.iter().map(|at| mean_square(&self.input[*at..at + NODES.len()])).sum();
-            let out = 0.25 * waves.admittance * length * squares;
-            if out > there {
-                let part = (there.max(0.0) / out).sqrt();
-                for at in waves.slots {
-                    self.input[at..at + NODES.len()].iter_mut().for_each(|a| *a *= part);
-                }
+            let given = self.ledger.sum(waves.given[0]) + self.ledger.sum(waves.given[1]);
+            let out = waves.slots.map(|at| std::array::from_fn(|k| self.input[at + k]));
+            let out = shorten(Real::new(), given, (length, waves.admittance), out);
+            for (at, a) in waves.slots.iter().zip(out) {
+                self.input[*at..*at + NODES.len()].copy_from_slice(&a);
             }
         }
     }
