@@ -133,6 +133,16 @@ pub(crate) fn tail<M: Machine>(m: M, coefficients: &[M::Number]) -> M::Number {
     if n < 2 { m.number(0.0) } else { part(n - 1) + part(n - 2) }
 }
 
+/// Instants closer to one another than this part of themselves are one.
+pub const SAME: f64 = 1e-12;
+
+/// How far the instant of a jump may be off the end of a step from `t` to `end`, by rounding, and count as met.
+pub fn slack<M: Machine>(m: M, t: M::Number, end: M::Number) -> M::Number {
+    let size = larger(m, t.abs(), end.abs());
+    let part = smaller(m, m.number(SAME) * size, m.number(1e-3) * (end - t).abs());
+    larger(m, part, m.number(8.0 * f64::EPSILON) * size)
+}
+
 /// The derivatives of which jumps are carried on. Higher ones are beyond what steps resolve.
 const LEVELS: f64 = 12.0;
 /// How small a jump is seen where no tolerance says it: that of a run without options.

@@ -834,6 +834,84 @@ fn lines_of_any_length() {
     }
 }
 
+/// Signals that are delayed in continuous time, with jumps and bends that arrive between steps, with several delays
+/// that cut the steps of one another, beside a computer, with a law that switches, and over lines: each form gives the
+/// bits of a run, and where its state is put back it goes on as it did.
+#[test]
+fn delays_in_continuous_time_give_the_same_bits() {
+    if !is_there() {
+        return;
+    }
+    let cable = |delay: f64| {
+        format!(
+            "model Cable {{
+               Se:u = 2 V / (1 + ((t - 1 s)/(0.2 s))^2)
+               R:r = 4 Ohm
+               TL(a, b):line {{ impedance = 4 Ohm; delay = {delay} s }}
+               C:end = 0.05 F
+               I:beside {{ inertia = 1 H; f0 = 0.1 A }}
+               u -> 1:in -> r, line.a
+               line.b -> 0:out -> end, beside
+               probe near = line.a.e
+               probe far = line.b.e
+               simulate {{ stop = 10 s }}
+             }}"
+        )
+    };
+    let (short, long) = (cable(0.13), cable(1.0));
+    let models: [(&str, &str, f64); 8] = [
+        ("steps", "state x = 1 { dx = -delay(x, 1 s, 1)*1 Hz } probe y = x probe was = delay(x, 1 s, 1)", 0.25),
+        ("steps between", "state x = 1 { dx = -delay(x, 1 s, 1)*1 Hz } probe y = x", 0.3),
+        ("steps beyond", "state x = 1 { dx = -delay(x, 0.1 s, 1)*1 Hz } probe y = x", 0.35),
+        (
+            "jumps",
+            "input u = 0
+             state a = 0 s { da = delay(u, 0.25 s) }
+             sampled every 0.1 s { state n = 0 { next = n + 1 } state late = 0 s { next = was } }
+             state b = 0 s { db = delay(n, 0.33 s) }
+             let was = delay(a, 0.42 s)
+             probe x = a probe y = b probe z = late probe w = was",
+            0.03,
+        ),
+        (
+            "several",
+            "Se:push = 1 N * delay(mass.f*1 s/1 m, 0.37 s, 1) + 1 N*delay(t/1 s, 0.71 s)
+             R:rub = 0.5 N*s/m
+             I:mass = 1 kg
+             push -> 1:v -> mass, rub
+             sampled every 0.05 s { state z = 0 N*s { next = delay(mass.p, 0.2 s) - delay(z, 0.35 s)/2 } }
+             probe p = mass.p probe zz = z",
+            0.02,
+        ),
+        (
+            "a switch",
+            "state x = 0 { dx = (if delay(x, 0.5 s) < 0.2 then 1 else -1)*1 Hz }
+             state y = 0 s { dy = delay(if x < 0.3 then 1 else 0, 0.33 s) }
+             probe xx = x probe yy = y",
+            0.07,
+        ),
+        ("a short cable", short.as_str(), 0.02),
+        ("a long cable", long.as_str(), 0.05),
+    ];
+    for (name, body, h) in models {
+        for method in ["gonzalez", "collocation4", "collocation6"] {
+            let text = match body.starts_with("model") {
+                true => body.to_string(),
+                false => format!("model M {{\n{body}\nsimulate {{ stop = 10 s }}\n}}"),
+            };
+            let compiled = with(Options::new().method(method), &text);
+            let (u, steps) = emit(&compiled, h).unwrap_or_else(|e| panic!("{name}: {e}"));
+            let Emitted { c: rows, object, module } = emitted(&compiled, &u);
+            assert!(rows.len() as u32 > ROWS / 2, "{name} by {method}: {} rows", rows.len());
+            assert_eq!(rows, object, "{name} by {method}");
+            assert_eq!(rows, simulated(&compiled, &u, &steps).0, "{name} by {method}");
+            if let Some((module, _)) = module {
+                assert_eq!(rows, module, "{name} by {method}: the module");
+            }
+        }
+    }
+}
+
 #[test]
 fn random_parameters_and_starts() {
     if !is_there() {

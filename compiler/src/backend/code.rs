@@ -45,7 +45,8 @@ impl Memory {
         [Memory::State, Memory::Input, Memory::Table, Memory::Next, Memory::Output, Memory::Scratch, Memory::Data];
 }
 
-/// A place in a memory: `base + Σ stride index`, and with `through` the number of [`Routine::tables`] there besides.
+/// A place in a memory: `base + Σ stride index`, with `through` the number of [`Routine::tables`] there besides, and
+/// with `picked` what a value tells.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Place {
     /// Which memory.
@@ -56,12 +57,31 @@ pub struct Place {
     pub along: Vec<(Index, u32)>,
     /// A place in the tables, and a counter that is added to it.
     pub through: Option<(u32, Index)>,
+    /// One of some places from there on, which a value tells.
+    pub picked: Option<Picked>,
+}
+
+/// One of `count` places that lie a stride apart: that of the whole number which the value is. Any other value tells
+/// the first one, so that no number leads out of the memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Picked {
+    /// Which one.
+    pub by: Value,
+    /// From one to the next.
+    pub stride: u32,
+    /// How many.
+    pub count: u32,
 }
 
 impl Place {
     /// A place that is always the same.
     pub fn new(memory: Memory, base: u32) -> Self {
-        Self { memory, base, along: Vec::new(), through: None }
+        Self { memory, base, along: Vec::new(), through: None, picked: None }
+    }
+
+    /// Whether it is always the same.
+    pub fn is_fixed(&self) -> bool {
+        self.along.is_empty() && self.through.is_none() && self.picked.is_none()
     }
 }
 
@@ -88,7 +108,8 @@ impl Op {
     /// The values it looks at.
     pub fn each_value(&self, f: &mut impl FnMut(Value)) {
         match self {
-            Op::Load(_) | Op::Get(_) | Op::Counter(_) => {}
+            Op::Load(p) => p.picked.iter().for_each(|picked| f(picked.by)),
+            Op::Get(_) | Op::Counter(_) => {}
             Op::Unary(_, a) | Op::InverseScale(a) => f(*a),
             Op::Binary(_, a, b) => {
                 f(*a);
@@ -105,7 +126,8 @@ impl Op {
     /// The same, to be replaced.
     pub fn each_value_mut(&mut self, f: &mut impl FnMut(&mut Value)) {
         match self {
-            Op::Load(_) | Op::Get(_) | Op::Counter(_) => {}
+            Op::Load(p) => p.picked.iter_mut().for_each(|picked| f(&mut picked.by)),
+            Op::Get(_) | Op::Counter(_) => {}
             Op::Unary(_, a) | Op::InverseScale(a) => f(a),
             Op::Binary(_, a, b) => {
                 f(a);
@@ -333,7 +355,11 @@ impl Stmt {
     pub fn each_value(&self, f: &mut impl FnMut(Value)) {
         match self {
             Stmt::Let(_, op) => op.each_value(f),
-            Stmt::Set(_, v) | Stmt::Store(_, v) | Stmt::Count(v) => f(*v),
+            Stmt::Set(_, v) | Stmt::Count(v) => f(*v),
+            Stmt::Store(p, v) => {
+                p.picked.iter().for_each(|picked| f(picked.by));
+                f(*v);
+            }
             Stmt::Note(list) => list.iter().for_each(|v| f(*v)),
             Stmt::If(c, ..) => c.each_value(f),
             Stmt::Solve { same, .. } => same.iter().for_each(|v| f(*v)),

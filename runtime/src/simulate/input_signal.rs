@@ -2,12 +2,12 @@
 
 use super::Options;
 use super::delay_line::DelayLines;
+use crate::history::{self, SAME};
+use crate::machine::Real;
 use crate::scene::{Cluster, GIVEN};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Instants closer to one another than this part of themselves are one.
-const SAME: f64 = 1e-12;
 /// Pieces that are past are forgotten when there are so many.
 const PIECES: usize = 16;
 
@@ -214,10 +214,9 @@ impl ClusterInputs {
     }
 }
 
-/// How far the instant of a row may be off a step's end, by rounding, and count as met.
+/// See [`history::slack`].
 fn slack(t: f64, end: f64) -> f64 {
-    let size = t.abs().max(end.abs());
-    (SAME * size).min(1e-3 * (end - t).abs()).max(8.0 * f64::EPSILON * size)
+    history::slack(Real::new(), t, end)
 }
 
 #[cfg(test)]

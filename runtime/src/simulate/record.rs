@@ -3,7 +3,7 @@
 
 use super::Error;
 use super::cluster::Run;
-use crate::history::{JUMP, NODES, SMOOTH, before_jump, interpolate, tail};
+use crate::history::{JUMP, NODES, SAME, SMOOTH, before_jump, interpolate, tail};
 use crate::machine::Real;
 use crate::scene::Cluster;
 
@@ -34,7 +34,7 @@ impl Run {
         if self.signals.lines.pasts.is_empty() {
             return Ok(());
         }
-        let slack = 1e-12 * (t.abs() + h);
+        let slack = SAME * (t.abs() + h);
         let arrives = self.signals.lines.arrives(t, slack);
         self.part(c, (t, 0.0, h), (end, h), (arrives, 0))
     }

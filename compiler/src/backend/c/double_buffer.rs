@@ -60,6 +60,9 @@ impl Look<'_> {
             low += list.iter().min().map_or(0, |x| *x as usize);
             high += list.iter().max().map_or(0, |x| *x as usize);
         }
+        if let Some(picked) = p.picked {
+            high += (picked.stride * picked.count.saturating_sub(1)) as usize;
+        }
         let part = parts(self.late).map(|p| p.2).find(|r| r.contains(&first));
         match part {
             Some(r) => r.contains(&low) && r.contains(&high),

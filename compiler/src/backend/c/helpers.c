@@ -73,6 +73,11 @@ BOND_SPARE bond_real bond_lane_max(bond_real a, bond_real b) {
     return bond_pick(BOND_IF(a > b), a, bond_pick(BOND_IF(b > a), b, other));
 }
 #endif
+/* -- bond_place */
+/* A whole number below n; 0 for any other. */
+static unsigned long bond_place(bond_real k, unsigned long n) {
+    return k >= 0 && k < (bond_real)n ? (unsigned long)k : 0;
+}
 /* -- bond_scale */
 /* A power of two near 1 / x. */
 static bond_real bond_scale(bond_real x) {

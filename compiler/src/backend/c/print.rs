@@ -1,7 +1,7 @@
 //! A routine as a C function, statement by statement.
 
 use super::double_buffer;
-use crate::backend::code::{Bound, Cond, Memory, Number, Op, Place, Routine, Span, Stmt, Value, visit};
+use crate::backend::code::{Bound, Cond, Memory, Number, Op, Picked, Place, Routine, Span, Stmt, Value, visit};
 use crate::backend::if_conversion::is_comparison;
 use crate::backend::standalone::Late;
 use bond_runtime::ir::{Binary, Unary};
@@ -169,7 +169,10 @@ impl Printer<'_> {
                     self.line(depth, &format!("const bond_real v{} = {e};", v.0));
                 }
                 Stmt::Set(m, v) => self.line(depth, &format!("m{} = {};", m.0, self.words.of(*v))),
-                Stmt::Store(p, v) => self.line(depth, &format!("{} = {};", self.words.place(p), self.words.of(*v))),
+                Stmt::Store(p, v) => {
+                    let place = self.words.place(p);
+                    self.line(depth, &format!("{place} = {};", self.words.of(*v)));
+                }
                 Stmt::If(c, yes, no) => {
                     let c = self.words.cond(c);
                     self.line(depth, &format!("if {} {{", wrapped(&c)));
@@ -265,7 +268,7 @@ impl Words<'_> {
         }
     }
 
-    fn place(&self, p: &Place) -> String {
+    fn place(&mut self, p: &Place) -> String {
         if let Some(lane_words) = &self.lane_words {
             match p.memory {
                 Memory::State => return format!("b->x[{}][l]", p.base),
@@ -284,6 +287,10 @@ impl Words<'_> {
         }
         if let Some((at, i)) = p.through {
             let _ = write!(index, " + g[{at} + i{}]", i.0);
+        }
+        if let Some(Picked { by, stride, count }) = p.picked {
+            self.needs.insert("bond_place");
+            let _ = write!(index, " + {stride} * bond_place({}, {count})", self.of(by));
         }
         if base < start {
             let _ = write!(index, " - {start}");

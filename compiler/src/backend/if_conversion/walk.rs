@@ -227,7 +227,7 @@ impl Conversion {
 
     /// Where a place is.
     pub(super) fn fixed(&mut self, p: &Place) -> (Memory, u32) {
-        self.lost |= !p.along.is_empty() || p.through.is_some();
+        self.lost |= !p.is_fixed();
         (p.memory, p.base)
     }
 

@@ -210,6 +210,10 @@ fn access(p: &Place, write: bool, (index, from, to): (Option<Index>, u32, u32), 
     let (from, last) = (i64::from(from), i64::from(to) - 1);
     let base = i64::from(p.base);
     let (low, high) = (base + stride * from, base + stride * last);
+    if let Some(picked) = p.picked {
+        let high = high + i64::from(picked.stride) * i64::from(picked.count.saturating_sub(1));
+        return p.through.is_none().then_some(Access { write, memory: p.memory, even: None, low, high });
+    }
     match p.through {
         None => Some(Access { write, memory: p.memory, even: Some((base, stride)), low, high }),
         Some((at, i)) if Some(i) == index => {
@@ -338,7 +342,11 @@ fn rename(s: &mut Stmt, names: &FxHashMap<Value, Value>) {
     };
     match s {
         Stmt::Let(_, op) => op.each_value_mut(&mut to),
-        Stmt::Set(_, v) | Stmt::Store(_, v) => to(v),
+        Stmt::Set(_, v) => to(v),
+        Stmt::Store(p, v) => {
+            p.picked.iter_mut().for_each(|picked| to(&mut picked.by));
+            to(v);
+        }
         _ => {}
     }
 }
@@ -379,7 +387,8 @@ fn once(body: Vec<Stmt>, turns: (Option<Index>, u32, u32), tables: &[u32]) -> Ve
 
 /// Whether two places are never the same in one turn.
 fn apart(p: &Place, q: &Place, turns: (Option<Index>, u32, u32), tables: &[u32]) -> bool {
-    let offset = p.through.is_none() && q.through.is_none() && p.along == q.along && p.base != q.base;
+    let even = |p: &Place| p.through.is_none() && p.picked.is_none();
+    let offset = even(p) && even(q) && p.along == q.along && p.base != q.base;
     let both = access(p, true, turns, tables).zip(access(q, true, turns, tables));
     offset || both.is_some_and(|(a, b)| !a.overlaps(&b))
 }

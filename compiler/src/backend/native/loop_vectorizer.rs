@@ -25,6 +25,9 @@ fn serial(routine: &Routine, turns: (Index, u32, u32), body: &[Stmt]) -> Option<
     for s in body {
         let mut waits = matches!(s, Stmt::Let(_, Op::Get(var)) if sets.contains(var));
         s.each_value(&mut |v| waits |= serial.contains(&v));
+        if s.place().is_some_and(|p| p.picked.is_some()) {
+            return None;
+        }
         match s {
             Stmt::Let(v, op) => {
                 let alone = match op {

@@ -3,7 +3,7 @@
 use super::functions;
 use super::slp::{self, Pairs};
 use super::vector::{self, Kind, VectorOptions};
-use crate::backend::code::{Bound, Cond, Index, Memory, Number, Op, Place, Reason, Routine, Span, Stmt, Value, visit};
+use crate::backend::code::{Bound, Cond, Index, Memory, Number, Op, Picked, Place, Reason, Routine, Span, Stmt, Value, visit};
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
 use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, Opcode, types};
@@ -495,6 +495,15 @@ impl<M: Module> Translate<'_, '_, M> {
             let entry = self.listed(at, index);
             let entry = self.b.ins().imul_imm_u(entry, 8);
             address = self.b.ins().iadd(address, entry);
+        }
+        if let Some(Picked { by, stride, count }) = place.picked {
+            let x = self.of(by);
+            let k = self.b.ins().fcvt_to_uint_sat(types::I64, x);
+            let inside = self.b.ins().icmp_imm_u(IntCC::UnsignedLessThan, k, i64::from(count));
+            let none = self.b.ins().iconst(types::I64, 0);
+            let k = self.b.ins().select(inside, k, none);
+            let far = self.b.ins().imul_imm_u(k, 8 * i64::from(stride));
+            address = self.b.ins().iadd(address, far);
         }
         match i32::try_from(8 * i64::from(place.base)) {
             Ok(offset) => (address, offset),

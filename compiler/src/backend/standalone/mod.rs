@@ -11,6 +11,7 @@ mod block_program;
 mod budget;
 mod delay_line;
 mod memory;
+mod past;
 mod places;
 mod sample;
 mod scalar_promotion;
@@ -26,7 +27,8 @@ use bond_runtime::energy::PortResponse;
 use bond_runtime::exponential;
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Program};
-use bond_runtime::scene::{Carried, GIVEN, Scene};
+use bond_runtime::history::{NODES, Shape};
+use bond_runtime::scene::{GIVEN, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start, paced};
 use places::Cluster;
 use scalar_promotion::{Promoted, Uses, promote};
@@ -201,6 +203,8 @@ struct Routines {
 /// How a scene's clusters step, known before it runs.
 struct Plan {
     interval: f64,
+    /// The step that was asked for, s.
+    wanted: f64,
     /// By cluster: of a sampled one, intervals a period.
     ratio: Vec<u32>,
     /// By cluster.
@@ -217,6 +221,9 @@ struct Steps {
     /// Whether their instants are multiples of their length, rather than counted from the interval's start.
     own: bool,
 }
+
+/// So many steps at most are laid in an interval, or kept of a delay.
+const MOST_STEPS: usize = 1_000_000;
 
 /// Parts of a period that are rounding: instants so close are one.
 const SAME: f64 = 1e-12;
@@ -237,13 +244,6 @@ impl Plan {
             return Err(format!(
                 "`{}` has a latency: such scenes have no compiled form; leave it to the program that calls, and take it out here, or take --emit exe",
                 c.name
-            ));
-        }
-        let delayed = scene.clusters.iter().flat_map(|c| c.lines.iter().map(move |line| (c, line)));
-        if let Some((c, line)) = delayed.into_iter().find(|(_, l)| matches!(l.carried, Carried::Signal { .. })) {
-            return Err(format!(
-                "`{}` has a delay in continuous time, `{}`: such scenes have no compiled form; put it into a `sampled` block, or take --emit exe",
-                c.name, line.name
             ));
         }
         if let Some(w) = scene.waves.first() {
@@ -281,7 +281,16 @@ impl Plan {
                 None => Self::between(interval, c, s.connected, options)?,
             });
         }
-        Ok(Self { interval, ratio, steps })
+        for (c, s) in scene.clusters.iter().zip(&steps) {
+            let all = past::delays(c);
+            if let Some(delay) = all.iter().find(|d| Shape::room(**d, (s.h, wanted), &all) > MOST_STEPS) {
+                return Err(format!(
+                    "`{}` has a delay of {delay} s, for which more than {MOST_STEPS} steps of {} s would be kept: give longer ones with --step",
+                    c.name, s.h
+                ));
+            }
+        }
+        Ok(Self { interval, wanted, ratio, steps })
     }
 
     /// The steps of a continuous cluster beside sampled ones. One that no sample concerns has steps of its own length,
@@ -297,7 +306,7 @@ impl Plan {
         let usual = options.step.unwrap_or(options.default_step);
         let h = options.step.unwrap_or(if whole && connected { interval } else { options.default_step });
         let n = (interval / h - 1e-9).ceil().max(1.0);
-        if n > 1e6 {
+        if n > MOST_STEPS as f64 {
             return Err(format!(
                 "steps of {h} s make {n:e} in an interval of {interval} s: give longer ones with --step"
             ));
@@ -342,6 +351,8 @@ struct Writing<'a> {
     block: Block,
     kept: usize,
     table: Vec<f64>,
+    /// Where the nodes of a step that is taken down are in the table.
+    nodes: usize,
     /// States that are kept last of all, and where they are until then.
     late: Vec<Late>,
 }
@@ -374,6 +385,7 @@ impl<'a> Writing<'a> {
             block,
             kept: 0,
             table,
+            nodes: 0,
             late: Vec::new(),
         };
         unit.lay_out()?;
@@ -385,7 +397,8 @@ impl Writing<'_> {
     /// Gives everything its place.
     fn lay_out(&mut self) -> Result<(), String> {
         for (i, (c, s)) in self.scene.clusters.iter().zip(&self.start.clusters).enumerate() {
-            let mut place = Cluster::new(&mut self.block, (i, c), s, self.full);
+            let steps = (self.plan.steps[i].h, self.plan.wanted);
+            let mut place = Cluster::new(&mut self.block, (i, c), (s, steps), self.full);
             if let Some(linear) = &c.step.linear {
                 place.table = self.table.len();
                 let table = exponential::table(linear, self.plan.steps[i].h).map_err(|e| e.to_string())?;
@@ -393,6 +406,10 @@ impl Writing<'_> {
             }
             self.block.image[place.left] = f64::from(self.plan.ratio[i] - 1);
             self.clusters.push(place);
+        }
+        if self.clusters.iter().any(|place| !place.pasts.is_empty()) {
+            self.nodes = self.table.len();
+            self.table.extend(NODES);
         }
         self.kept = self.block.image.len();
         for (place, (c, s)) in self.clusters.iter_mut().zip(self.scene.clusters.iter().zip(&self.start.clusters)) {
@@ -553,6 +570,7 @@ impl Writing<'_> {
         w.keep(place.input, t);
         if c.period.is_none() {
             self.latch(&mut w, i);
+            self.arriving(&mut w, i, t);
         }
         self.program(w, &c.instant, place.state, 0, place.input, place.seen, &c.name)
     }
@@ -561,7 +579,8 @@ impl Writing<'_> {
     fn told(&self, i: usize) -> Vec<usize> {
         let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
         let given = (0..c.inputs.len()).filter(|_| c.period.is_none()).map(|k| place.input + c.given_at() + GIVEN * k);
-        [place.input].into_iter().chain(given).collect()
+        let arriving = place.pasts.iter().flat_map(|p| p.told(place));
+        [place.input].into_iter().chain(given).chain(arriving).collect()
     }
 
     /// Tells a cluster what is given from outside now. What it is told is constant: of value, slope and instant, the

@@ -2,6 +2,7 @@
 
 use super::block::Block;
 use super::delay_line::DelayLine;
+use super::past::Past;
 use bond_runtime::energy::{Layout, Place};
 use bond_runtime::ir::Array;
 use bond_runtime::scene;
@@ -22,6 +23,8 @@ pub(super) struct Cluster {
     pub(super) left: usize,
     /// What is on its way in its delays.
     pub(super) lines: Vec<DelayLine>,
+    /// What signals were that are delayed in continuous time.
+    pub(super) pasts: Vec<Past>,
     /// Where the first number of its ledger is, and where the others are from there.
     pub(super) ledger: usize,
     pub(super) layout: Layout,
@@ -35,14 +38,17 @@ pub(super) struct Cluster {
     /// What its observation and its hold give, to be read at once.
     pub(super) seen: usize,
     pub(super) called: usize,
+    /// What a shorter step from its beginning gives, where steps are taken down.
+    pub(super) glanced: usize,
+    pub(super) glanced_output: usize,
 }
 
 impl Cluster {
-    /// Its places; `full` where all is kept that `bond_runtime::simulate` keeps.
+    /// Its places, for steps of a length, and with the one that was asked for; `full` where all is kept that `bond_runtime::simulate` keeps.
     pub(super) fn new(
         block: &mut Block,
         (index, c): (usize, &scene::Cluster),
-        start: &StartCluster,
+        (start, steps): (&StartCluster, (f64, f64)),
         full: bool,
     ) -> Self {
         let n = start.held.len();
@@ -60,6 +66,7 @@ impl Cluster {
         let count = block.put(&[if c.period.is_some() { 1.0 } else { 0.0 }]);
         let left = block.take(1);
         let lines = DelayLine::all(block, c);
+        let pasts = Past::all(block, c, steps);
         let layout = Layout::new(index, c, full);
         let mut numbers = layout.start(c, start.energies.iter().copied());
         for (h, p) in start.held.iter().zip(&layout.held) {
@@ -75,6 +82,7 @@ impl Cluster {
             count,
             left,
             lines,
+            pasts,
             ledger,
             layout,
             iterations,
@@ -83,6 +91,8 @@ impl Cluster {
             output: 0,
             seen: 0,
             called: 0,
+            glanced: 0,
+            glanced_output: 0,
         }
     }
 
@@ -97,6 +107,11 @@ impl Cluster {
         self.next = block.take(start.state.len());
         self.output = block.take(c.step.program.size(Array::Output));
         self.seen = block.take(c.instant.size(Array::Output));
+        if !self.pasts.is_empty() {
+            self.glanced = block.take(start.state.len());
+            self.glanced_output = block.take(c.step.program.size(Array::Output));
+            self.pasts.iter_mut().for_each(|p| p.work(block));
+        }
         let programs = c.respond.iter().flat_map(scene::Respond::programs);
         self.called = block.take(programs.map(|p| p.size(Array::Output)).max().unwrap_or(0));
     }

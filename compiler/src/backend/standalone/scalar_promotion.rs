@@ -13,7 +13,7 @@ pub(super) struct Uses {
     pub(super) read: BTreeSet<u32>,
     /// Places that are written.
     pub(super) written: BTreeSet<u32>,
-    /// Whether places are found by counters, which variables have none of.
+    /// Whether places are found by counters or values, which variables are not.
     counted: bool,
 }
 
@@ -29,7 +29,7 @@ impl Uses {
         if p.memory != Memory::State {
             return None;
         }
-        self.counted |= !p.along.is_empty() || p.through.is_some();
+        self.counted |= !p.is_fixed();
         Some(p.base)
     }
 
@@ -79,7 +79,7 @@ pub(super) struct Promoted {
 }
 
 /// Promotes the places that statements use to variables; `kept` are those that are read later. None where places are
-/// found by counters.
+/// found by counters or values.
 pub(super) fn promote(w: &mut Writer, body: &[Stmt], kept: &BTreeSet<u32>) -> Option<Promoted> {
     let uses = Uses::of(body);
     if uses.counted {

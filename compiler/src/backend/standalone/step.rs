@@ -61,14 +61,31 @@ impl Writing<'_> {
     /// One step of a cluster from `t` on, kept and booked. Where it is the `only` one of the interval, many states are
     /// not kept before its end: what fails until then has left them as they were.
     pub(super) fn one(&mut self, mut w: Writer, i: usize, t: Value, h: f64, only: bool) -> Result<Writer, String> {
-        let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
+        if !self.clusters[i].pasts.is_empty() {
+            return self.in_pieces(w, i, t, h);
+        }
         let length = w.number(h);
+        self.kept(w, i, (t, length), only)
+    }
+
+    /// The same of a length that may change.
+    pub(super) fn kept(
+        &mut self,
+        mut w: Writer,
+        i: usize,
+        (t, length): (Value, Value),
+        only: bool,
+    ) -> Result<Writer, String> {
+        let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
         w.keep(place.input, t);
         w.keep(place.input + 1, length);
         w.open();
         let mut w = self.program(w, &c.step.program, place.state, place.next, place.input, place.output, &c.name)?;
         let body = w.close();
         counted(&mut w, body, place.iterations);
+        if !place.pasts.is_empty() {
+            w = self.take_down(w, i, (t, length))?;
+        }
         let n = self.start.clusters[i].state.len();
         if only && n > WRITTEN && !c.is_traced() {
             self.late.push(Late { state: place.state..place.state + n, next: place.next });

@@ -1,6 +1,6 @@
 //! A routine as the body of a function, statement by statement.
 
-use crate::backend::code::{Bound, Cond, Index, Memory, Number, Op, Place, Routine, Span, Stmt, Value, visit};
+use crate::backend::code::{Bound, Cond, Index, Memory, Number, Op, Picked, Place, Routine, Span, Stmt, Value, visit};
 use bond_runtime::ir::{Binary, Unary};
 use rustc_hash::FxHashMap;
 use std::collections::BTreeSet;
@@ -271,6 +271,22 @@ impl Body<'_> {
         if let Some((at, i)) = p.through {
             self.listed(at, i);
             self.push(I::I32Const(8));
+            self.push(I::I32Mul);
+            if any {
+                self.push(I::I32Add);
+            }
+            any = true;
+        }
+        if let Some(Picked { by, stride, count }) = p.picked {
+            let count = f64::from(count);
+            self.value(by);
+            self.push(I::I32TruncSatF64U);
+            self.push(I::I32Const(0));
+            self.value(by);
+            self.push(I::F64Const(count.into()));
+            self.push(I::F64Lt);
+            self.push(I::Select);
+            self.push(I::I32Const(8 * stride as i32));
             self.push(I::I32Mul);
             if any {
                 self.push(I::I32Add);

@@ -185,7 +185,7 @@ fn members(w: &mut Writer, watch: &mut Watch, parts: &[Part], group: &[Cone]) {
                 }
                 let base = w.data.len() as u32;
                 w.data.extend(numbers);
-                Err(Place { memory: Memory::Data, base, along: vec![(index, 1)], through: None })
+                Err(Place { along: vec![(index, 1)], ..Place::new(Memory::Data, base) })
             }
             Leaf::Place(m, _) => {
                 let places = group.iter().map(|c| match c.leaves[k] {
@@ -218,11 +218,11 @@ fn along(w: &mut Writer, index: Index, memory: Memory, places: Vec<u32>) -> Plac
     let even = stride.filter(|s| places.windows(2).all(|p| p[1].checked_sub(p[0]) == Some(*s)));
     match even {
         Some(0) => Place::new(memory, places[0]),
-        Some(stride) => Place { memory, base: places[0], along: vec![(index, stride)], through: None },
+        Some(stride) => Place { along: vec![(index, stride)], ..Place::new(memory, places[0]) },
         None => {
             let at = w.tables.len() as u32;
             w.tables.extend(places);
-            Place { memory, base: 0, along: Vec::new(), through: Some((at, index)) }
+            Place { through: Some((at, index)), ..Place::new(memory, 0) }
         }
     }
 }
