@@ -72,10 +72,11 @@ pub fn shorten<M: Machine>(
     (length, admittance): (M::Number, f64),
     waves: [Coefficients<M::Number>; 2],
 ) -> [Coefficients<M::Number>; 2] {
-    let there = -given;
+    // By the rounding of sums it may be below 0.
+    let there = positive(m, -given);
     let squares = mean_square(m, &waves[0]) + mean_square(m, &waves[1]);
     let out = m.number(0.25 * admittance) * length * squares;
-    let (part, one) = ((positive(m, there) / out).unary(Unary::Sqrt), m.number(1.0));
+    let (part, one) = ((there / out).unary(Unary::Sqrt), m.number(1.0));
     let part = m.select(there.below(out), part, one);
     waves.map(|a| a.map(|a| a * part))
 }
@@ -276,10 +277,7 @@ impl<M: Machine, K: Numbers<M>> Record<'_, M, K> {
     /// Those of a piece; there are as many as nodes.
     fn coefficients(&self, at: M::Number) -> Coefficients<M::Number> {
         let mut list = [self.m.number(0.0); NODES.len()];
-        list[..self.shape.nodes]
-            .iter_mut()
-            .enumerate()
-            .for_each(|(k, a)| *a = self.numbers.pick(self.ring(2 + k), at));
+        list[..self.shape.nodes].iter_mut().enumerate().for_each(|(k, a)| *a = self.numbers.pick(self.ring(2 + k), at));
         list
     }
 
@@ -649,7 +647,8 @@ mod tests {
             let mut a = NODES.map(|s| (3.0 * s).sin());
             interpolate(Real::new(), &mut a[..n]);
             a[n..].fill(0.0);
-            let off = (0..=100).map(|k| f64::from(k) / 100.0).map(|s| (value(Real::new(), &a, s) - (3.0 * s).sin()).abs());
+            let off =
+                (0..=100).map(|k| f64::from(k) / 100.0).map(|s| (value(Real::new(), &a, s) - (3.0 * s).sin()).abs());
             let (off, told) = (off.fold(0.0, f64::max), tail(Real::new(), &a[..n]));
             assert!(told > off && told < 1e4 * off.max(1e-16), "{n}: {told} of {off}");
         }

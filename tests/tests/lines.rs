@@ -128,6 +128,30 @@ fn a_line_in_continuous_time() {
     }
 }
 
+/// A line that is empty but for the rounding of its sums: what comes out is nothing, and no undefined number, with ends
+/// that take all of it.
+#[test]
+fn an_empty_line_gives_nothing() {
+    let model = "model M {
+      Se:u = 2 V * (if t < 6 s then sin(37*t/1 s) + (if sin(5*t/1 s) < 0 then 1 else 0) else 0)
+      R:r = 4 Ohm
+      TL(a, b):line { impedance = 4 Ohm; delay = 0.13 s }
+      R:load = 4 Ohm
+      u -> 1:in -> r, line.a
+      line.b -> load
+      probe far = line.b.e
+    }";
+    for method in ["gonzalez", "collocation4", "collocation8"] {
+        let compiled = with(Options::new().method(method), model);
+        let mut sim = start(&compiled, Steps::fixed(0.1));
+        for k in 1..=400 {
+            advance(&mut sim, f64::from(k) * 0.1);
+            assert!(probe(&mut sim, "far").is_finite(), "{method}, {k}");
+        }
+        assert!(probe(&mut sim, "far").abs() < 1e-6, "{method}");
+    }
+}
+
 fn fitted(tolerance: f64) -> Options {
     Options::new().accuracy(Accuracy::Tolerance(tolerance))
 }

@@ -397,6 +397,59 @@ int main(void) {
     }
 }
 
+/// What is on its way in delays is of a unit's state: one that is put back goes on as it did, as a run does.
+#[test]
+fn delays_of_a_unit_are_in_its_state() {
+    if !is_there("cc") {
+        return;
+    }
+    let here = Folder::new();
+    let scene = "model S {
+  state x = 1 { dx = -delay(x, 1 s, 1)*1 Hz }
+  Se:u = 1 V*x
+  R:r = 2 Ohm
+  TL(a, b):line { impedance = 4 Ohm; delay = 0.33 s }
+  C:end = 0.05 F
+  u -> 1:in -> r, line.a
+  line.b -> end
+  probe y = x
+  probe far = line.b.e
+  simulate { step = 50 ms; stop = 4 s }
+}";
+    std::fs::write(here.0.join("s.bond"), scene).unwrap();
+    here.bond(&["build", "s.bond", "--emit", "fmu", "-o", "s.fmu"]).is(0, &[], &[]);
+    let guid = sources(&here, "s.fmu");
+    let main = r#"
+static void run(int k, int end) {
+    for (; k <= end; ++k) {
+        printf("%.17g,%.17g,%.17g\n", get(0), get(1), get(2));
+        if (A(fmi2DoStep)(s, 0.1 * k, 0.1, 1)) exit(5);
+    }
+}
+int main(void) {
+    void *at = 0;
+    begin();
+    run(0, 19);
+    if (A(fmi2GetFMUstate)(s, &at)) return 6;
+    run(20, 40);
+    if (A(fmi2SetFMUstate)(s, at)) return 7;
+    run(20, 40);
+    if (A(fmi2FreeFMUstate)(s, &at)) return 8;
+    end();
+    return 0;
+}"#;
+    let text = taken(&here, &guid, None, main);
+    let run = here.bond(&["run", "s.bond", "--every", "0.1s", "-o", "-"]).is(0, &[], &[]).out;
+    let numbers = |text: &str| -> Vec<Vec<f64>> {
+        let rows = text.lines().filter(|l| !l.starts_with("t,") && l.contains(',') && !l.starts_with("it "));
+        rows.map(|l| l.split(',').map(|x| x.parse().unwrap()).collect()).collect()
+    };
+    let (here, there) = (numbers(&text), numbers(&run));
+    assert_eq!((here.len(), there.len()), (62, 41), "{text}{run}");
+    assert_eq!(here[..41], there);
+    assert_eq!(here[20..41], here[41..]);
+}
+
 /// Without a C compiler there is the source alone, and that is said; one that fails is told with its words.
 #[cfg(unix)]
 #[test]

@@ -350,8 +350,7 @@ impl Layout {
     pub fn waves(&self, cluster: usize, scene: &Scene) -> Vec<Waves> {
         let of = |line: &TransmissionLine| {
             let slots = line.out.filter(|_| line.ends[0].0 == cluster)?;
-            let given =
-                |(_, entry, at): (usize, usize, usize)| Some(self.accounts.get(entry)?.sources?.plus(2 * at));
+            let given = |(_, entry, at): (usize, usize, usize)| Some(self.accounts.get(entry)?.sources?.plus(2 * at));
             let given = [given(line.ends[0])?, given(line.ends[1])?];
             Some(Waves { slots, given, admittance: line.admittance })
         };

@@ -3,7 +3,9 @@
 use super::functions;
 use super::slp::{self, Pairs};
 use super::vector::{self, Kind, VectorOptions};
-use crate::backend::code::{Bound, Cond, Index, Memory, Number, Op, Picked, Place, Reason, Routine, Span, Stmt, Value, visit};
+use crate::backend::code::{
+    Bound, Cond, Index, Memory, Number, Op, Picked, Place, Reason, Routine, Span, Stmt, Value, visit,
+};
 use bond_runtime::ir::{Binary, Unary};
 use cranelift_codegen::ir::condcodes::{FloatCC, IntCC};
 use cranelift_codegen::ir::{self, AbiParam, BlockArg, InstBuilder, MemFlagsData, Opcode, types};

@@ -25,9 +25,9 @@ use super::lower::{Solvers, with_solvers, write};
 use block::Block;
 use bond_runtime::energy::PortResponse;
 use bond_runtime::exponential;
+use bond_runtime::history::{NODES, Shape};
 use bond_runtime::interpreter::Interpret;
 use bond_runtime::ir::{Array, Program};
-use bond_runtime::history::{NODES, Shape};
 use bond_runtime::scene::{GIVEN, Scene};
 use bond_runtime::simulate::{Options, Simulation, Start, paced};
 use places::Cluster;
@@ -579,7 +579,7 @@ impl Writing<'_> {
     fn told(&self, i: usize) -> Vec<usize> {
         let (c, place) = (&self.scene.clusters[i], &self.clusters[i]);
         let given = (0..c.inputs.len()).filter(|_| c.period.is_none()).map(|k| place.input + c.given_at() + GIVEN * k);
-        let arriving = place.pasts.iter().flat_map(|p| p.told(place));
+        let arriving = place.pasts.iter().flat_map(|p| p.told().map(|at| place.input + at));
         [place.input].into_iter().chain(given).chain(arriving).collect()
     }
 

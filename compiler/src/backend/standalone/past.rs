@@ -3,7 +3,6 @@
 
 use super::Writing;
 use super::block::Block;
-use super::places::Cluster;
 use crate::backend::code::{Cond, Memory, Picked, Place, Stmt, Value};
 use crate::backend::lower::recorder::{Recorded, Recorder};
 use crate::backend::lower::writer::{At, Writer, scratch};
@@ -12,6 +11,7 @@ use bond_runtime::energy::smaller;
 use bond_runtime::history::{self, JUMP, NODES, Numbers, Record, Ring, SLOTS, SMOOTH, Shape};
 use bond_runtime::machine::{Machine, Number};
 use bond_runtime::scene::{self, Carried};
+use std::ops::Range;
 
 /// Places of a signal that is delayed.
 #[derive(Clone, Debug)]
@@ -54,10 +54,9 @@ impl Past {
         self.values = block.take(self.shape.nodes);
     }
 
-    /// Places of what the programs are told of it.
-    pub(super) fn told(&self, place: &Cluster) -> impl Iterator<Item = usize> + use<> {
-        let first = place.input + self.input;
-        first..first + SLOTS
+    /// Which inputs of the programs are told of it.
+    pub(super) fn told(&self) -> Range<usize> {
+        self.input..self.input + SLOTS
     }
 
     fn record<'r>(&'r self, by: &'r Recorder) -> Record<'r, &'r Recorder, Kept<'r>> {
@@ -161,8 +160,8 @@ impl Writing<'_> {
             let slack = Machine::number(m, history::SAME) * Number::abs(t);
             for p in &place.pasts {
                 let x = p.record(m).arriving(t, slack);
-                for at in p.told(place) {
-                    m.with(|w| w.keep(at, zero.value));
+                for at in p.told() {
+                    m.with(|w| w.keep(place.input + at, zero.value));
                 }
                 m.with(|w| w.keep(place.input + p.input, x.value));
                 m.with(|w| w.keep(place.input + p.input + SLOTS - 1, t.value));
@@ -171,12 +170,7 @@ impl Writing<'_> {
     }
 
     /// Takes a step down that is about to be kept.
-    pub(super) fn take_down(
-        &mut self,
-        mut w: Writer,
-        i: usize,
-        (t, length): (Value, Value),
-    ) -> Result<Writer, String> {
+    pub(super) fn take_down(&mut self, mut w: Writer, i: usize, (t, length): (Value, Value)) -> Result<Writer, String> {
         let (c, place) = (&self.scene.clusters[i], self.clusters[i].clone());
         let (nodes, n) = (c.nodes(), self.start.clusters[i].state.len());
         let (index, zero) = (w.index(), w.number(0.0));

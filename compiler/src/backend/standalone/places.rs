@@ -44,7 +44,8 @@ pub(super) struct Cluster {
 }
 
 impl Cluster {
-    /// Its places, for steps of a length, and with the one that was asked for; `full` where all is kept that `bond_runtime::simulate` keeps.
+    /// Its places, for steps of a length, and with the one that was asked for; `full` where all is kept that
+    /// `bond_runtime::simulate` keeps.
     pub(super) fn new(
         block: &mut Block,
         (index, c): (usize, &scene::Cluster),
