@@ -37,7 +37,7 @@ const RISING: [usize; NODES.len()] = [0, 11, 5, 8, 3, 9, 2, 10, 6, 4, 7, 12, 1];
 pub const SLOTS: usize = NODES.len() + 2;
 
 /// Places and weights of Gauss' quadrature from 0 to 1: exact for the squares of these polynomials.
-const GAUSS: [(f64, f64); NODES.len()] = [
+pub const EXACT: [(f64, f64); NODES.len()] = [
     (0.007908472640705932, 0.020242002382657907),
     (0.04120080038851098, 0.04606074991886419),
     (0.09921095463334506, 0.0694367551098936),
@@ -53,28 +53,67 @@ const GAUSS: [(f64, f64); NODES.len()] = [
     (0.9920915273592941, 0.020242002382657907),
 ];
 
+/// Gauss' quadratures of 1 to 6 places: those of the stages of `gonzalez` and `collocation4` to `collocation12`.
+pub const STAGES: [Rule; 6] = [
+    &[(0.5, 1.0)],
+    &[(0.2113248654051871, 0.5), (0.7886751345948129, 0.5)],
+    &[(0.11270166537925831, 0.2777777777777778), (0.5, 0.4444444444444444), (0.8872983346207417, 0.2777777777777778)],
+    &[
+        (0.06943184420297371, 0.17392742256872692),
+        (0.33000947820757187, 0.32607257743127305),
+        (0.6699905217924281, 0.32607257743127305),
+        (0.9305681557970263, 0.17392742256872692),
+    ],
+    &[
+        (0.046910077030668004, 0.11846344252809454),
+        (0.23076534494715845, 0.23931433524968324),
+        (0.5, 0.28444444444444444),
+        (0.7692346550528415, 0.23931433524968324),
+        (0.953089922969332, 0.11846344252809454),
+    ],
+    &[
+        (0.03376524289842399, 0.08566224618958518),
+        (0.16939530676686773, 0.1803807865240693),
+        (0.38069040695840156, 0.23395696728634552),
+        (0.6193095930415985, 0.23395696728634552),
+        (0.8306046932331322, 0.1803807865240693),
+        (0.966234757101576, 0.08566224618958518),
+    ],
+];
+
+/// That of the stages of `radau`.
+pub const RADAU: [(f64, f64); 3] =
+    [(0.1550510257216822, 0.37640306270046725), (0.6449489742783178, 0.5124858261884216), (1.0, 0.1111111111111111)];
+
 /// Coefficients of a polynomial, in the order of [`NODES`].
 pub type Coefficients<N> = [N; NODES.len()];
 
-/// The mean square of a polynomial from 0 to 1.
-pub fn mean_square<M: Machine>(m: M, a: &Coefficients<M::Number>) -> M::Number {
-    GAUSS.iter().fold(m.number(-0.0), |sum, (s, weight)| {
+/// Places and weights of a quadrature from 0 to 1.
+pub type Rule = &'static [(f64, f64)];
+
+/// The mean square of a polynomial from 0 to 1 by a quadrature.
+pub fn mean_square<M: Machine>(m: M, a: &Coefficients<M::Number>, rule: Rule) -> M::Number {
+    rule.iter().fold(m.number(-0.0), |sum, (s, weight)| {
         let x = value(m, a, m.number(*s));
         sum + m.number(*weight) * (x * x)
     })
 }
 
 /// Shortens what comes out of both ends of a line in a step of a length to what is on the way in it: `given` is what
-/// its ends gave so far, J, and `admittance` one over its impedance.
+/// each end gave so far, J, and `admittance` one over its impedance. What comes out is told by each of some
+/// quadratures, so that it is no more by that which books it.
 pub fn shorten<M: Machine>(
     m: M,
-    given: M::Number,
+    given: [M::Number; 2],
     (length, admittance): (M::Number, f64),
     waves: [Coefficients<M::Number>; 2],
+    rules: &[Rule],
 ) -> [Coefficients<M::Number>; 2] {
     // By the rounding of sums it may be below 0.
-    let there = positive(m, -given);
-    let squares = mean_square(m, &waves[0]) + mean_square(m, &waves[1]);
+    let there = positive(m, -(given[0] + given[1]));
+    let squares = rules.iter().fold(m.number(0.0), |most, rule| {
+        larger(m, most, mean_square(m, &waves[0], rule) + mean_square(m, &waves[1], rule))
+    });
     let out = m.number(0.25 * admittance) * length * squares;
     let (part, one) = ((there / out).unary(Unary::Sqrt), m.number(1.0));
     let part = m.select(there.below(out), part, one);
@@ -634,10 +673,22 @@ mod tests {
     fn squares_are_integrated() {
         let mut a = NODES.map(|s| s.powi(12));
         interpolate(Real::new(), &mut a);
-        assert!((super::mean_square(Real::new(), &a) * 25.0 - 1.0).abs() < 1e-13);
+        assert!((super::mean_square(Real::new(), &a, &super::EXACT) * 25.0 - 1.0).abs() < 1e-13);
         let mut a = NODES.map(|s| 2.0 * s - 1.0);
         interpolate(Real::new(), &mut a);
-        assert!((super::mean_square(Real::new(), &a) * 3.0 - 1.0).abs() < 1e-14);
+        assert!((super::mean_square(Real::new(), &a, &super::EXACT) * 3.0 - 1.0).abs() < 1e-14);
+    }
+
+    /// The quadratures of stages are exact for polynomials of their degree.
+    #[test]
+    fn quadratures_have_their_degrees() {
+        let rules = super::STAGES.iter().enumerate().map(|(k, rule)| (2 * k + 1, *rule));
+        for (degree, rule) in rules.chain([(4, &super::RADAU[..]), (25, &super::EXACT)]) {
+            for n in 0..=degree {
+                let sum: f64 = rule.iter().map(|(s, weight)| weight * s.powi(n as i32)).sum();
+                assert!((sum * (n as f64 + 1.0) - 1.0).abs() < 1e-14, "{degree} {n}: {sum}");
+            }
+        }
     }
 
     /// What the last coefficients tell is about what an interpolation by fewer nodes misses.

@@ -1,6 +1,7 @@
 //! Where the numbers of a cluster's ledger and holds are in its block.
 
-use crate::scene::{Cluster, Entries, Scene, TransmissionLine};
+use crate::history::{EXACT, RADAU, Rule, STAGES};
+use crate::scene::{Cluster, Entries, Properties, Scene, TransmissionLine};
 
 /// Order of the autoregressive model that predicts the free response: two coefficients for each way in which the other
 /// side can swing.
@@ -163,6 +164,8 @@ pub struct Waves {
     pub given: [Place; 2],
     /// One over its impedance, SI.
     pub admittance: f64,
+    /// The quadratures by which steps book what crosses its ends.
+    pub rules: Vec<Rule>,
 }
 
 /// Places of a port that a sampled cluster holds.
@@ -329,6 +332,16 @@ impl Taking {
     }
 }
 
+/// The quadrature by which a step of a method books what crosses its ports, where that has positive weights: at its
+/// stages. Of any other, an exact one.
+fn rule(p: &Properties) -> Rule {
+    match p.stages {
+        s @ 1..=6 if p.symmetric && p.order == 2 * s => STAGES[s as usize - 1],
+        3 if p.l_stable && p.stiffly_accurate => &RADAU,
+        _ => &EXACT,
+    }
+}
+
 impl Layout {
     /// That of the cluster with this number; with `detail` all that a run keeps, without it what a stand-alone module
     /// does.
@@ -352,7 +365,10 @@ impl Layout {
             let slots = line.out.filter(|_| line.ends[0].0 == cluster)?;
             let given = |(_, entry, at): (usize, usize, usize)| Some(self.accounts.get(entry)?.sources?.plus(2 * at));
             let given = [given(line.ends[0])?, given(line.ends[1])?];
-            Some(Waves { slots, given, admittance: line.admittance })
+            let step = &scene.clusters.get(cluster)?.step;
+            let steppers = [step].into_iter().chain(step.fallback.as_deref());
+            let rules = steppers.map(|s| rule(&s.properties)).collect();
+            Some(Waves { slots, given, admittance: line.admittance, rules })
         };
         scene.lines.iter().filter_map(of).collect()
     }

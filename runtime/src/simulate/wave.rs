@@ -2,9 +2,10 @@
 //!
 //! In continuous time, what comes out of one in a step is no more than what is on the way in it.
 //!
-//! What goes in and what comes out are integrals over steps, by the quadrature of each. What comes out is a polynomial
-//! that passes through what went in, so that its energy is the same to the order of the steps, and not exactly. So it
-//! is shortened where it would be more than there is: a line gives back what it was given, and never more.
+//! What goes in and what comes out are integrals over steps, by the quadrature at the stages of each. What comes out is
+//! a polynomial that passes through what went in, so that its energy is the same to the order of the steps, and not
+//! exactly. So it is shortened where it would be more, by that quadrature, than there is: a line gives back what it was
+//! given, and never more.
 
 use super::cluster::Run;
 use crate::history::{NODES, shorten};
@@ -36,9 +37,9 @@ impl Run {
     /// Shortens what comes out of lines in a step to what there is.
     fn shorten(&mut self, length: f64) {
         for waves in &self.waves {
-            let given = self.ledger.sum(waves.given[0]) + self.ledger.sum(waves.given[1]);
+            let given = waves.given.map(|at| self.ledger.sum(at));
             let out = waves.slots.map(|at| std::array::from_fn(|k| self.input[at + k]));
-            let out = shorten(Real::new(), given, (length, waves.admittance), out);
+            let out = shorten(Real::new(), given, (length, waves.admittance), out, &waves.rules);
             for (at, a) in waves.slots.iter().zip(out) {
                 self.input[*at..*at + NODES.len()].copy_from_slice(&a);
             }

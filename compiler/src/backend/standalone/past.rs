@@ -137,11 +137,11 @@ impl Writing<'_> {
             let tell = |at: usize, x: Recorded<'_>| m.with(|w| w.keep(place.input + at, x.value));
             let mut arriving: Vec<_> = place.pasts.iter().map(|p| (p, p.record(m).aim((t, end), slack))).collect();
             for waves in place.layout.waves(i, self.scene) {
-                let given = block.sum(waves.given[0]) + block.sum(waves.given[1]);
+                let given = waves.given.map(|at| block.sum(at));
                 let which = waves.slots.map(|at| arriving.iter().position(|(p, _)| p.input == at));
                 let [Some(a), Some(b)] = which else { continue };
                 let out = [arriving[a].1, arriving[b].1];
-                let [x, y] = history::shorten(m, given, (length, waves.admittance), out);
+                let [x, y] = history::shorten(m, given, (length, waves.admittance), out, &waves.rules);
                 (arriving[a].1, arriving[b].1) = (x, y);
             }
             for (p, a) in arriving {
