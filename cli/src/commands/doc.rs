@@ -17,7 +17,8 @@ use std::path::Path;
 #[command(
     after_help = "Examples:\n  bond doc                         every component of the bundled library, one per line\n  \
                   bond doc std.electrical          all of one library\n  bond doc std.electrical.Diode    one component\n  \
-                  bond doc wall.bond --as json     the models of a file, for other programs"
+                  bond doc wall.bond --as json     the models of a file, for other programs\n  \
+                  bond doc wall.bond --as markdown > wall.md"
 )]
 pub struct Args {
     /// A library, a component or a file (`-` is standard input). Default: all libraries
@@ -32,6 +33,8 @@ pub struct Args {
 enum Format {
     Text,
     Json,
+    /// A page, of one library or file
+    Markdown,
 }
 
 /// What was found.
@@ -56,6 +59,7 @@ pub fn doc(args: &Args) -> Result<(), Stop> {
     let text = match args.format {
         Format::Text if found.brief => lines(&found.libraries),
         Format::Text => found.libraries.iter().map(full).collect(),
+        Format::Markdown => found.libraries.iter().map(page).collect::<Vec<_>>().join("\n"),
         Format::Json => serde_json::to_string_pretty(&found).map_err(|e| Stop::Usage(e.to_string()))? + "\n",
     };
     output::print(&text)
@@ -181,7 +185,17 @@ fn paragraph(text: &mut String, indent: &str, doc: &[String]) {
 
 fn component(text: &mut String, c: &Component) {
     paragraph(text, "  ", &c.doc);
-    let rows = c.ports.iter().map(|p| {
+    for (title, _, rows) in tables(c) {
+        table(text, title, &rows);
+    }
+}
+
+/// Title, heads of the columns, and rows.
+type Table = (&'static str, &'static [&'static str], Vec<Vec<String>>);
+
+/// What a model has, in tables that are not empty.
+fn tables(c: &Component) -> Vec<Table> {
+    let ports = c.ports.iter().map(|p| {
         let arrow = match p.arrow {
             Some(Arrow::In) => "-> in",
             Some(Arrow::Out) => "out ->",
@@ -192,33 +206,35 @@ fn component(text: &mut String, c: &Component) {
             (None, None) => "as bonded".to_string(),
             (e, f) => format!("{}, {}", unit(e), unit(f)),
         };
-        [p.name.clone(), arrow.to_string(), pair, p.doc.join(" ")]
+        vec![p.name.clone(), arrow.to_string(), pair, p.doc.join(" ")]
     });
-    table(text, "ports", &rows.collect::<Vec<_>>());
-    for (title, list) in [("parameters", &c.parameters), ("inputs", &c.inputs)] {
-        let rows = list.iter().map(|p| {
+    let mut list: Vec<Table> = vec![("ports", &["port", "half arrow", "effort, flow", ""], ports.collect())];
+    for (title, of) in [("parameters", &c.parameters), ("inputs", &c.inputs)] {
+        let rows = of.iter().map(|p| {
             // A default that is not a plain number has its unit beside it.
             let default = p.default.clone().unwrap_or_else(|| "must be given".into());
             let unit = p.unit.clone().filter(|u| u != "1" && !default.contains(' ')).unwrap_or_default();
-            [p.name.clone(), default, unit, p.doc.join(" ")]
+            vec![p.name.clone(), default, unit, p.doc.join(" ")]
         });
-        table(text, title, &rows.collect::<Vec<_>>());
+        let heads: &[&str] =
+            if title == "inputs" { &["input", "default", "", ""] } else { &["parameter", "default", "", ""] };
+        list.push((title, heads, rows.collect()));
     }
-    for (title, list) in [("outputs", &c.outputs), ("probes", &c.probes)] {
-        let rows = list.iter().map(|p| {
+    for (title, of) in [("outputs", &c.outputs), ("probes", &c.probes)] {
+        let rows = of.iter().map(|p| {
             let unit = p.unit.clone().filter(|u| u != "1").unwrap_or_default();
-            [p.name.clone(), unit, p.doc.join(" ")]
+            vec![p.name.clone(), unit, p.doc.join(" ")]
         });
-        table(text, title, &rows.collect::<Vec<_>>());
+        let heads: &[&str] = if title == "outputs" { &["output", "unit", ""] } else { &["probe", "unit", ""] };
+        list.push((title, heads, rows.collect()));
     }
+    list.retain(|(_, _, rows)| !rows.is_empty());
+    list
 }
 
 /// Rows under a title, in columns.
-fn table<const N: usize>(text: &mut String, title: &str, rows: &[[String; N]]) {
-    if rows.is_empty() {
-        return;
-    }
-    let mut wide = [0; N];
+fn table(text: &mut String, title: &str, rows: &[Vec<String>]) {
+    let mut wide = vec![0; rows.first().map_or(0, Vec::len)];
     for row in rows {
         for (w, cell) in wide.iter_mut().zip(row) {
             *w = (*w).max(cell.chars().count());
@@ -226,7 +242,66 @@ fn table<const N: usize>(text: &mut String, title: &str, rows: &[[String; N]]) {
     }
     let _ = writeln!(text, "\n  {title}");
     for row in rows {
-        let cells: Vec<String> = row.iter().zip(wide).map(|(cell, w)| format!("{cell:w$}")).collect();
+        let cells: Vec<String> = row.iter().zip(&wide).map(|(cell, &w)| format!("{cell:w$}")).collect();
         let _ = writeln!(text, "    {}", cells.join("  ").trim_end());
     }
+}
+
+/// All that is known of a file, as a page of Markdown.
+fn page(library: &Document) -> String {
+    let mut text = format!("# {}\n\n", library.name);
+    prose(&mut text, &library.doc);
+    for c in &library.components {
+        let _ = writeln!(text, "## {}\n", c.name);
+        prose(&mut text, &c.doc);
+        for (_, heads, rows) in tables(c) {
+            // A column that is empty throughout says nothing.
+            let said: Vec<usize> = (0..heads.len()).filter(|&k| rows.iter().any(|r| !r[k].is_empty())).collect();
+            let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
+            text += &line(said.iter().map(|&k| heads[k].to_string()).collect());
+            text += &line(said.iter().map(|_| "---".to_string()).collect());
+            for row in &rows {
+                text += &line(said.iter().map(|&k| cell(k, &row[k])).collect());
+            }
+            text.push('\n');
+        }
+    }
+    text.truncate(text.trim_end().len());
+    text + "\n"
+}
+
+/// Paragraphs; what is indented is an example in the language.
+fn prose(text: &mut String, doc: &[String]) {
+    let mut inside = false;
+    for line in doc.iter().map(String::as_str).chain([""]) {
+        let example = line.strip_prefix("    ");
+        if example.is_some() != inside {
+            text.push_str(if inside { "```\n" } else { "```bond\n" });
+            inside = !inside;
+        }
+        // One empty line at most, as after an example that ends the text.
+        if !line.is_empty() || !text.ends_with("\n\n") {
+            let _ = writeln!(text, "{}", example.map_or_else(|| plain(line), String::from));
+        }
+    }
+}
+
+/// An entry of a table: a name in the first column, then text.
+fn cell(column: usize, text: &str) -> String {
+    let text = if column == 0 { format!("`{text}`") } else { plain(text) };
+    text.replace('|', "\\|")
+}
+
+/// Text in which Markdown sees no marks but those of code.
+fn plain(text: &str) -> String {
+    let mut code = false;
+    let mut out = String::new();
+    for c in text.chars() {
+        code ^= c == '`';
+        if !code && matches!(c, '*' | '_' | '<' | '[' | ']' | '\\') {
+            out.push('\\');
+        }
+        out.push(c);
+    }
+    out
 }

@@ -113,6 +113,21 @@ fn other_programs_read_json() {
     assert_eq!(diode["libraries"][0]["components"][0]["parameters"][2]["value"], 25.85e-3);
 }
 
+/// A page: what is indented is an example, a name with marks of Markdown is itself, and empty columns are left out.
+#[test]
+fn a_library_is_a_page() {
+    let here = Folder::new();
+    let has = [
+        "# std.contact\n\nContact",
+        "\n## Wall\n\n",
+        "\n\n```bond\nWall:wall(k = 5 kN/m, gap = 1 cm)\n",
+        "| `k` | 1000 N/m |\n",
+    ];
+    let page = here.bond(&["doc", "std.contact", "--as", "markdown"]).is(0, &has, &[]).out;
+    assert!(page.contains("| port | half arrow | effort, flow |\n| --- | --- | --- |\n| `tip` | -> in | N, m/s |\n"));
+    assert!(page.contains("mu |N|") && !page.contains("\n\n\n"), "{page}");
+}
+
 #[test]
 fn what_is_not_there_is_told() {
     let here = Folder::new().with("a.bond", "use \"none.bond\"\nmodel A { }\n").with("b.bond", "model A {");
