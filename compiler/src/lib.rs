@@ -75,7 +75,7 @@
 //!    [`Properties`](bond_runtime::scene::Properties), the regions that it steps, and the function. The runtime and the
 //!    command read the properties and never ask for the name. (The compiler asks for `ray`, in the partition and the
 //!    hold.)
-//! 3. A row in `docs/mathematics.md`, which has the table of methods. If it is to be taken unasked, a rule of
+//! 3. A row in `docs/theory/steppers.md`, which has the table of methods. If it is to be taken unasked, a rule of
 //!    `discretise/choice.rs`, with a model on which it decides.
 //!
 //! `tests/tests/hard.rs` tries it if it is passive. Its name in `orders.rs`, `backend.rs` and `emitted.rs` beside that
@@ -91,7 +91,8 @@
 //!    `bond`: a [`Backend`](bond_runtime::kernel::Backend) that makes a `Kernel`, and uses the interpreter for programs
 //!    that `lower` does not take.
 //! 3. A test: `tests/tests/backend.rs` (random programs, special values) or `tests/tests/emitted.rs` (whole scenes). It
-//!    must give the interpreter's bits, except where the host computes a function (`docs/embedding.md`, Same bits).
+//!    must give the interpreter's bits, except where the host computes a function
+//!    (`docs/reference/embedding.md`, Same bits).
 //!
 //! # How to add an element kind
 //!
@@ -102,7 +103,7 @@
 //! 3. `elaborate/join.rs`: how many bonds it takes; `elaborate/reading.rs`: its signals.
 //! 4. `causality/strokes.rs`: which variable it must or would like to impose, and `propagate.rs` if it has several
 //!    bonds; `structure/mod.rs`: the role of its column, or `causality/junction.rs` its rule.
-//! 5. `show/`: how it is drawn; `models/elements/`: the smallest model with it; `docs/language.md`.
+//! 5. `show/`: how it is drawn; `models/elements/`: the smallest model with it; `docs/reference/language.md`.
 //!
 //! # How to add a scalar operation
 //!
@@ -110,11 +111,11 @@
 //! 1. `runtime/src/ir/op.rs`: a row at the end of `unary!` with its name and its function. The language, all back ends
 //!    and the text of programs have it then.
 //! 2. `expression/unary.rs`: a row with its derivative and what else is known of it.
-//! 3. `docs/language.md`: its name; `elaborate/suggest.rs`: what was suggested in its place.
+//! 3. `docs/reference/language.md`: its name; `elaborate/suggest.rs`: what was suggested in its place.
 //!
-//! C takes the function from the host under this name, and modules import it (`docs/embedding.md`). An instruction, or
-//! an operation of two values, is a row of `binary!` or `unary!` too. Back ends name those: `c/print.rs`,
-//! `wasm/print.rs` and `native/` say how each is written.
+//! C takes the function from the host under this name, and modules import it (`docs/reference/embedding.md`). An
+//! instruction, or an operation of two values, is a row of `binary!` or `unary!` too. Back ends name those:
+//! `c/print.rs`, `wasm/print.rs` and `native/` say how each is written.
 
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 

@@ -6,7 +6,7 @@
 
 It ends when the environment does, and prints one line of JSON: what it counted by itself. Only the standard library is
 needed; for --key-file also `pip install blake3`.
-A device keeps three rules (docs/serve.md): take only efforts with a higher number, hold each for no longer than it lasts, and
+A device keeps three rules (docs/reference/serve.md): take only efforts with a higher number, hold each for no longer than it lasts, and
 never let the energy of a group of ports fall below its limit. Then nothing that the line does can make it draw energy that
 is not there.
 """

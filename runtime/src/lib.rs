@@ -108,7 +108,7 @@
 //!    say changes that, `simulate/sampled.rs`, the compiler's `backend/standalone/sample.rs` and
 //!    [`envelope::FORMAT`]. That file tests for holds by `==`: look at each place, the compiler lists none.
 //! 3. `tests/tests/holds.rs`: passivity under the budget, and order in the period. Budget and tank apply to every hold.
-//! 4. `docs/language.md` describes it, `docs/mathematics.md` derives it.
+//! 4. `docs/reference/language.md` describes it, `docs/theory/double-bar.md` derives it.
 //!
 //! # How to add a number of the ledger
 //!

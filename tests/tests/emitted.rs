@@ -1310,10 +1310,10 @@ fn a_gross_balance_has_a_reason_of_its_own() {
 
 #[test]
 fn the_guide_lists_every_reason() {
-    let guide = std::fs::read_to_string("../docs/embedding.md").expect("the guide can be read");
+    let guide = std::fs::read_to_string("../docs/reference/embedding.md").expect("the guide can be read");
     let missing: Vec<&str> =
         Reason::ALL.iter().map(|r| r.0).filter(|r| !guide.contains(&format!("`BOND_{r}`"))).collect();
-    assert!(missing.is_empty(), "docs/embedding.md does not list {missing:?}");
+    assert!(missing.is_empty(), "docs/reference/embedding.md does not list {missing:?}");
 }
 
 /// Where a wave begins to arrive, energies are subnormal, and most of their digits rounding: that is no worst balance.

@@ -35,10 +35,10 @@ fn every_hard_case_balances() {
 
 #[test]
 fn every_hard_case_is_on_the_page() {
-    let page = crate::common::read(std::path::Path::new("../docs/hard-cases.md"));
+    let page = crate::common::read(std::path::Path::new("../docs/inside/hard-cases.md"));
     for (path, _) in texts("hard") {
         let name = format!("`{}`", path.file_stem().unwrap_or_default().to_string_lossy());
-        assert!(page.contains(&name), "docs/hard-cases.md says nothing of {name}");
+        assert!(page.contains(&name), "docs/inside/hard-cases.md says nothing of {name}");
     }
 }
 

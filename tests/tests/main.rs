@@ -18,6 +18,7 @@ mod debts;
 mod delays;
 mod determinism;
 mod diagnostics;
+mod docs;
 mod elaborate;
 mod emitted;
 mod exchange;

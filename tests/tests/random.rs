@@ -53,7 +53,7 @@ proptest! {
             let cancels = r.states == 0 && r.total <= 1e-13;
             // A lagged hold on a law that stiffens may throw a scene of a few joules out of all bounds, where its
             // equations hardly tell their unknowns. Below that a few reach 1e-10 to 1e-9, see the known limits in
-            // docs/mathematics.md.
+            // docs/theory/limits.md.
             let beyond = size(r) > 1e12;
             // A ratio that moves may pass where the graph is singular, one in some thousands: the run says NO.
             let told = text.contains("TF:m") && !summary.passive;

@@ -1,7 +1,7 @@
 //! How sampled walls feel: what a hand meets there against what is written, and how stiff they may be.
 //!
-//! `cargo bench -p bond --bench fidelity` writes the tables and pictures of `docs/fidelity.md` anew; the words stay.
-//! With `-- --only NAME` one table alone, by the name in its mark, and its picture.
+//! `cargo bench -p bond --bench fidelity` writes the tables and pictures of `docs/theory/fidelity.md` anew; the words
+//! stay. With `-- --only NAME` one table alone, by the name in its mark, and its picture.
 
 mod chart;
 mod error;
@@ -55,7 +55,7 @@ fn limits(folder: &Path, name: &str, title: &str, asked: Asked) -> Result<String
 }
 
 fn write(only: Option<&str>) -> Result<(), String> {
-    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs");
+    let docs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/theory");
     let (path, folder): (PathBuf, PathBuf) = (docs.join("fidelity.md"), docs.join("fidelity"));
     std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let mut page = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;

@@ -1,8 +1,9 @@
 //! The hard cases of `models/hard/`: what they come to here, and what ordinary integrators come to on the same
 //! equations.
 //!
-//! `cargo bench -p bond --bench hard` prints the tables; with `-- --page` it writes those of `docs/hard-cases.md` anew,
-//! of which the runs without loss, 1e7 steps each, only with `--long`; printed, and without it, they take 1e5.
+//! `cargo bench -p bond --bench hard` prints the tables; with `-- --page` it writes those of
+//! `docs/inside/hard-cases.md` anew, of which the runs without loss, 1e7 steps each, only with `--long`;
+//! printed, and without it, they take 1e5.
 //! `--only NAME` does one table alone, `--stepper NAME` prints those of long runs by one stepper, `--case FILE` prints
 //! the comparison of one file.
 
@@ -68,7 +69,7 @@ fn machine() -> String {
 }
 
 fn write(long: bool, only: Option<&str>) -> Result<(), String> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/hard-cases.md");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/inside/hard-cases.md");
     let mut page = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
     for (name, text) in tables(true, long, only, None)? {
         page = table::replaced(&page, &path, &name, &text)?;

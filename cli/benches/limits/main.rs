@@ -1,8 +1,8 @@
 //! How close compiled scenes come to C written by hand for the very same work.
 //!
 //! `cargo bench -p bond --features criterion --bench limits` times each figure by criterion; with `-- --page` it
-//! measures all of them in turns and writes the tables of `docs/performance.md` anew (with `--large` also the ladder of
-//! 1e5 cells).
+//! measures all of them in turns and writes the tables of `docs/inside/performance.md` anew (with `--large` also the
+//! ladder of 1e5 cells).
 
 mod clock;
 mod figure;

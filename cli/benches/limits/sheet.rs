@@ -29,7 +29,7 @@ impl Row {
 /// # Errors
 /// In words; the page then is what it was.
 pub fn write(large: bool) -> Result<(), String> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/performance.md");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/inside/performance.md");
     let mut page = std::fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
     let folder = Folder::new()?;
     let load = load();
@@ -174,7 +174,8 @@ fn missing(rows: &[Row]) -> String {
 /// A page with the text between two of its marks made new.
 fn replaced(page: &str, name: &str, text: &str) -> Result<String, String> {
     let (from, to) = (format!("<!-- measured: {name} -->\n"), format!("<!-- end of {name} -->"));
-    let gone = || format!("docs/performance.md has no section `{name}`: it is between {} and {to}", from.trim_end());
+    let gone =
+        || format!("docs/inside/performance.md has no section `{name}`: it is between {} and {to}", from.trim_end());
     let (before, rest) = page.split_once(&from).ok_or_else(gone)?;
     let (_, after) = rest.split_once(&to).ok_or_else(gone)?;
     Ok(format!("{before}{from}\n{text}\n{to}{after}"))

@@ -32,7 +32,7 @@ pub fn help(called: &str) -> String {
 bond serve master.bond --udp 127.0.0.1:7001 --peer 127.0.0.1:7002\n\nThe rate is that of the sampled region behind the open \
 ports. The clock starts with the first measurement.\n\nAn address that other machines can reach asks for --key-file or --peer. `openssl rand -hex 32 > wall.key` makes \
 a key.\nA device that says nothing for a second has left; then another may join.\n\nLines: each line out has the value held at each port, then the energy in J that may be drawn; each line \
-in has how far\neach port moved under it. docs/serve.md describes the packets, and what keeps a device passive over a lossy line;\n\
+in has how far\neach port moved under it. docs/reference/serve.md describes the packets, and what keeps a device passive over a lossy line;\n\
 models/embed/device.py is a device in Python.\n\nServing ends after --duration, whether or not a device came, at the end of standard input, or with Ctrl-C, and then reports."
     )
 }

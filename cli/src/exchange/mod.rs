@@ -3,7 +3,7 @@
 //! The device sends sums since its start: how far it moved (`q`) and the energy it put in (`w`). The environment books
 //! the differences, whenever they arrive, and sends with each effort the least value that `w` may fall to: where all
 //! the energy that was put in has been given back. So the energy given out never exceeds the energy put in, whatever
-//! the line does; `docs/serve.md` has the argument.
+//! the line does; `docs/reference/serve.md` has the argument.
 
 mod device;
 mod packet;

@@ -1,5 +1,5 @@
 //! What goes over the line: measurements in, efforts out; waves both ways. All numbers are little-endian;
-//! `docs/serve.md` has the layout.
+//! `docs/reference/serve.md` has the layout.
 
 /// Most ports that a line serves.
 pub const PORTS: usize = 64;

@@ -1,5 +1,5 @@
-//! Packets that only somebody with the key can have made: keyed BLAKE3. `docs/serve.md` has the layout, and what it
-//! protects against.
+//! Packets that only somebody with the key can have made: keyed BLAKE3. `docs/reference/serve.md` has the layout,
+//! and what it protects against.
 
 use super::packet::LONGEST;
 use thiserror::Error;

@@ -3,7 +3,7 @@
 //!
 //! A wave is energy on its way. It leaves one program once, and comes into the other one at most once: each has a
 //! number, and a number counts once. So what has come in is never more than what was sent, whatever the line does, and
-//! two passive programs stay passive together; `docs/serve.md` has the argument.
+//! two passive programs stay passive together; `docs/reference/serve.md` has the argument.
 
 use super::packet::{END, PORTS, Waves};
 use super::{Heard, Unfit};

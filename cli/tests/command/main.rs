@@ -6,6 +6,7 @@ mod check;
 mod checkpoint;
 mod choose;
 mod doc;
+mod docs;
 mod emit;
 mod ensemble;
 mod fmt;

@@ -649,38 +649,6 @@ fn wrong_tables_are_refused_with_their_line() {
     here.bond(&["run", "a.bond", "--input-hold"]).is(2, &[], &["--input <FILE.csv>"]);
 }
 
-/// The print in the README is that of the command: the same words, and the same numbers but for rounding.
-#[test]
-fn the_readme_shows_what_is_printed() {
-    let home = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    let readme = std::fs::read_to_string(home.join("README.md")).unwrap();
-    let shown =
-        readme.split_once("The first prints\n\n```text\n").and_then(|(_, rest)| rest.split_once("```")).unwrap().0;
-    let model = home.join("models/examples/virtual_wall.bond");
-    let done = Folder::new().bond(&["run", &model.display().to_string()]).is(0, &[], &[]);
-    // How long it took is not looked at.
-    let lines = |text: &str| -> Vec<String> {
-        text.lines().filter(|l| !l.starts_with("simulated")).map(String::from).collect()
-    };
-    let (shown, printed) = (lines(shown), lines(&done.out));
-    assert_eq!(shown.len(), printed.len(), "{}", done.out);
-    for (a, b) in shown.iter().zip(&printed) {
-        assert_eq!(
-            a.split_whitespace().count(),
-            b.split_whitespace().count(),
-            "the README has `{a}`, and this is `{b}`"
-        );
-        for (x, y) in a.split_whitespace().zip(b.split_whitespace()) {
-            let number = |text: &str| text.trim_end_matches(',').parse::<f64>().ok();
-            let same = match (number(x), number(y)) {
-                (Some(p), Some(q)) => (p - q).abs() <= 1e-5 * p.abs().max(q.abs()) || p.abs().max(q.abs()) < 1e-12,
-                (_, _) => x == y,
-            };
-            assert!(same, "the README has `{a}`, and this is `{b}`");
-        }
-    }
-}
-
 #[test]
 fn a_wrong_unit_on_the_command_line_is_told_once() {
     let here = Folder::new().with("a.bond", OSCILLATOR);

@@ -4,7 +4,7 @@
 //! What its next sample is too late to see is seen on the way. Over an interval that begins at kT, the energy into a
 //! holder by its bars is `W(t) = Σ e_j (q_j(t) - q_j(kT))`. At the first instant at which it falls to `-S`, which is
 //! what there is to give, all held variables become 0 until the next sample. So W goes no further.
-//! (`docs/mathematics.md` says what follows.)
+//! (`docs/theory/budget.md` says what follows.)
 //!
 //! The continuous clusters that meet one holder go to that instant together. Where it is has to be known before anybody
 //! looks beyond it: the way to the next sample is first tried, from a copy of what the clusters keep. Between the ends

@@ -1,7 +1,9 @@
 //! What each numeric threshold is for: sets it to ten times and to a tenth, over the hard cases, random graphs and the
 //! models that are named, and writes a page of those that move a result or the work by more than a twentieth.
 //!
-//! `cargo run --release -p bond-tests --bin ablation -- [--only CONTROLLER] [MODEL.bond...] > docs/thresholds.md`
+//!     cargo run --release -p bond-tests --bin ablation -- [--only CONTROLLER] [MODEL.bond...] > thresholds.md
+//!
+//! Such a page is `docs/inside/thresholds.md`.
 //!
 //! The thresholds are those of [`NumericOptions`] and [`Thresholds`], each number of them: a new one is covered by
 //! itself.

@@ -165,10 +165,10 @@ fn every_classic_has_its_derivation() {
     assert_eq!(derived.len(), files.len(), "a system is derived twice, or has no file");
 }
 
-/// docs/classics.md names each with the number of its states.
+/// docs/reference/classics.md names each with the number of its states.
 #[test]
 fn every_classic_is_in_the_docs() {
-    let docs = crate::common::read(std::path::Path::new("../docs/classics.md"));
+    let docs = crate::common::read(std::path::Path::new("../docs/reference/classics.md"));
     let rows: Vec<Vec<&str>> = docs.lines().map(|l| l.split('|').map(str::trim).collect()).collect();
     let named = rows.iter().filter(|r| r.get(1).is_some_and(|c| c.starts_with('`'))).count();
     let list = all();
@@ -179,8 +179,8 @@ fn every_classic_is_in_the_docs() {
         assert_eq!(
             row.and_then(|r| r.get(3)).copied(),
             Some(states.to_string().as_str()),
-            "docs/classics.md: {wanted}"
+            "docs/reference/classics.md: {wanted}"
         );
     }
-    assert_eq!(named, list.len(), "docs/classics.md names a system that is not there, or one twice");
+    assert_eq!(named, list.len(), "docs/reference/classics.md names a system that is not there, or one twice");
 }
