@@ -192,7 +192,7 @@ const RULES: [Rule; 23] = [
         },
     },
     Rule { take: Method::Exact, because: "it is linear", when: |f| f.exact.is_some() },
-    // They agree where positions do, which are kept at the ends of its steps; at the nodes of others they are on the way.
+    // They agree where positions do, which are kept at the ends of its steps; the nodes of others lie between.
     Rule {
         take: Method::Gonzalez,
         because: "constraints of it say the same, and only its steps keep the positions by which they agree",
@@ -393,11 +393,37 @@ mod tests {
     const STOP: &str =
         "model M { I:m = 1 kg  C:c { H = if q > 0 m then 0.5*(1 N/m)*q^2 else 0 J; q0 = 1 m }  1:v -> m, c }";
 
+    /// Three parallel cranks of one coupler, of which two would do.
+    const CRANKS: &str = "model M {
+      for i in 1..3 {
+        C:a[i] { H = 0; q0 = 1 rad }
+        MTF:ax[i] = -(0.1 m)*sin(a[i].q)
+        MTF:ay[i] = (0.1 m)*cos(a[i].q)
+        I:ia[i] = 0.001 kg*m^2
+        1:w[i] -> a[i], ia[i], ax[i], ay[i]
+        MTF:bx[i] = -(i*0.1 m)*sin(t.q) - (i*i*0.1 m)*cos(t.q)
+        MTF:by[i] = (i*0.1 m)*cos(t.q) - (i*i*0.1 m)*sin(t.q)
+        wt -> bx[i], by[i]
+        ax[i] -> 0:x[i] -> vx
+        ay[i] -> 0:y[i] -> vy
+        bx[i] -> x[i]
+        by[i] -> y[i]
+      }
+      C:t { H = 0 }
+      I:mx = 2 kg
+      I:my = 2 kg
+      I:it = 0.01 kg*m^2
+      1:vx -> mx
+      1:vy -> my
+      1:wt -> t, it
+    }";
+
     /// For each rule a model that it decides on.
     const DECIDES: [(&str, Accuracy); RULES.len()] = [
         ("model M { Se:u = 1 V * sin((3 Hz * t)^2)  R:r = 1 Ohm  C:c = 1 F  u -> 1:i -> r, c }", Accuracy::Tolerance(1e-6)),
         ("model M { Se:u = if t < 0.5 s then 1 V else 0 V  R:r = 1 Ohm  C:c = 1 F  u -> 1:i -> r, c }", Accuracy::Uncut),
         ("model M { Se:u = 1 V  R:r = 1 Ohm  C:c = 1 F  u -> 1:i -> r, c }", Accuracy::Tolerance(1e-6)),
+        (CRANKS, Accuracy::Tolerance(1e-6)),
         (
             "model M { Se:u = 1 V  R:r = 1 Ohm  C:c = 1 F  u -> 1:i -> r, c  probe p = integral(abs(c.e), 0 V*s) }",
             Accuracy::Tolerance(1e-6),

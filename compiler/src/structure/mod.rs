@@ -353,7 +353,7 @@ pub struct Form {
     pub expectations: Vec<Vec<Expr>>,
     /// Sources whose values read the scene's own signals.
     pub steered: FxHashSet<ColumnId>,
-    /// Regions with constraints that say the same, as the mechanism starts: what each of them carries is not determined.
+    /// Regions with constraints that say the same, as the mechanism starts: what each carries is not determined.
     pub redundant: FxHashSet<RegionId>,
 }
 

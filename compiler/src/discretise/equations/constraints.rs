@@ -232,7 +232,8 @@ impl Size {
     }
 
     /// Where constraints say the same, the rounding of what they say moves what one of them carries by as much as the
-    /// damping of its pivot lets it, at the cost of another: it counts for so much less. The states tell when it is found.
+    /// damping of its pivot lets it, at the cost of another: it counts for so much less. The states tell when it is
+    /// found.
     fn share(&mut self, b: &mut Builder, damping: f64) {
         let (square, part) = (b.number(damping * damping), b.number(1.0 / damping));
         self.weight = b.mul(square, self.weight);

@@ -3,8 +3,8 @@
 //! Each step has its constraints hold to rounding, and so positions. Where constraints say the same they do so on these
 //! positions alone: beside them they contradict one another by as much as positions are off, no step fulfils them all,
 //! and what one leaves is off by more in the next. So the step keeps the sum of what it has left of each, and the next
-//! ones have it in their equations (Baumgarte, Comput. Methods Appl. Mech. Eng. 1, 1972): rounding is put right as fast as
-//! the longest step so far, and does not grow. At once, in steps that are far shorter, it would be a jolt.
+//! ones have it in their equations (Baumgarte, Comput. Methods Appl. Mech. Eng. 1, 1972): rounding is put right as fast
+//! as the longest step so far, and does not grow. At once, in steps that are far shorter, it would be a jolt.
 
 use crate::discretise::cluster::{Cluster, missing};
 use crate::discretise::equations::angle_addition::{AngleSums, Carries};
