@@ -107,7 +107,6 @@ pub fn linearize(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
             loops.column_mut(k).fill(0.0);
             loops[(k, k)] = 1.0;
         }
-        let lu = loops.lu();
         let width = varied.len();
         let mut right = DMatrix::<f64>::zeros(n, width);
         for (k, &i) in looped.iter().enumerate().filter(|(_, i)| !still(**i)) {
@@ -115,7 +114,7 @@ pub fn linearize(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
                 right[(k, j)] = x;
             }
         }
-        let solved = lu.solve(&right).ok_or_else(|| point.singular(&model.pool))?;
+        let solved = point.loops_take(&loops, &right).ok_or_else(|| point.singular(&model.pool))?;
         for (k, &i) in looped.iter().enumerate() {
             rows[i] = (0..width).map(|j| (j, solved[(k, j)])).filter(|t| t.1 != 0.0).collect();
         }

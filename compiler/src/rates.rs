@@ -4,6 +4,7 @@
 use crate::Stages;
 use crate::elaborate::told;
 use crate::expression::{Expr, Node, Pool, Symbol};
+use crate::graph::RegionId;
 use crate::model::{Law, Model, Signal};
 use crate::structure::{ColumnId, Form, Group, Output, Region, Role};
 use bond_runtime::ir::Unary;
@@ -27,6 +28,8 @@ const ITERATIONS: usize = 800;
 const HALVINGS: usize = 40;
 /// What drives loops grows by no less than this part of it.
 const LEAST: f64 = 1e-6;
+/// Solves of what damped pivots leave; each leaves the damping's part of what the one before left.
+const REFINEMENTS: usize = 3;
 
 /// What impulses in the place of multipliers come to in an expression that has these.
 fn along(pool: &mut Pool, e: Expr, impulses: &[(Symbol, Symbol, bool)]) -> Expr {
@@ -58,6 +61,8 @@ pub(crate) struct Point {
     pub(crate) looped: Vec<usize>,
     /// 1 less the slopes of the looped definitions by each other.
     pub(crate) loops: DMatrix<f64>,
+    /// Multipliers of constraints of which some say the same, and the part by which their pivots are damped.
+    shared: (FxHashSet<Symbol>, f64),
     /// What constraints have be 0.
     pub(crate) ties: Vec<Expr>,
     /// The value of each symbol.
@@ -85,6 +90,7 @@ impl Point {
             order: vec![],
             looped: vec![],
             loops: DMatrix::zeros(0, 0),
+            shared: (FxHashSet::default(), stages.model.settings.thresholds.iteration.damping),
             ties: vec![],
             at: FxHashMap::default(),
         };
@@ -230,8 +236,11 @@ impl Point {
     /// are what leaves no effort at them.
     fn constrain(&mut self, model: &mut Model, form: &Form) {
         let mut constraints = Vec::new();
-        for r in &form.regions {
+        for (i, r) in form.regions.iter().enumerate() {
             let of = r.resistors.iter().filter(|(c, _)| form.column(*c).role == Role::Constraint);
+            if form.redundant.contains(&RegionId(i as u32)) {
+                self.shared.0.extend(of.clone().map(|(c, _)| form.column(*c).out));
+            }
             constraints.extend(of.map(|(c, _)| (*c, r.sampling.is_none())));
         }
         if constraints.is_empty() {
@@ -380,6 +389,39 @@ impl Point {
         if done < 1.0 { Err(why) } else { Ok(()) }
     }
 
+    /// Newton's step. An unknown on a flat piece of its law, as dry friction at rest, moves on by 1 until the law has a
+    /// slope.
+    fn step(&self, residual: &DVector<f64>) -> Option<DVector<f64>> {
+        let (mut slopes, mut residual) = (self.loops.clone(), DMatrix::from_columns(std::slice::from_ref(residual)));
+        for k in 0..residual.nrows() {
+            if residual[k] != 0.0 && slopes.row(k).iter().all(|d| *d == 0.0) {
+                slopes[(k, k)] = 1.0;
+                residual[k] = residual[k].signum();
+            }
+        }
+        Some(self.loops_take(&slopes, &residual)?.column(0).into_owned())
+    }
+
+    /// What the unknowns of the loops are that slopes take to what is on the right. What each of constraints carries
+    /// that say the same is not determined: their pivots are damped as in steps, and what that leaves is solved for in
+    /// its turn. What they carry together has all of its digits then.
+    pub(crate) fn loops_take(&self, slopes: &DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        let (symbols, part) = &self.shared;
+        let is_shared = |k: &usize| symbols.contains(&self.columns[self.looped[*k]].0);
+        let shared: Vec<usize> = (0..self.looped.len()).filter(is_shared).collect();
+        if shared.is_empty() {
+            return slopes.clone().lu().solve(right);
+        }
+        let mut damped = slopes.clone();
+        shared.iter().for_each(|k| damped[(*k, *k)] *= 1.0 + part);
+        let damped = damped.lu();
+        let mut found = damped.solve(right)?;
+        for _ in 0..REFINEMENTS {
+            found += damped.solve(&(right - slopes * &found))?;
+        }
+        Some(found)
+    }
+
     /// Newton's method for the definitions from some values; updates that make them fit worse are halved.
     fn newton(&mut self, pool: &Pool, loops: &Loops, mut z: DVector<f64>) -> Result<DVector<f64>, &'static str> {
         let n = z.len();
@@ -397,12 +439,12 @@ impl Point {
             if loops.linear {
                 // At once, and what rounding leaves of it: which is all there is where what drives the loop balances.
                 for _ in 0..2 {
-                    z -= steps(&self.loops, &residual).ok_or(SINGULAR)?;
+                    z -= self.step(&residual).ok_or(SINGULAR)?;
                     residual = self.misfit(pool, loops, &z);
                 }
                 return Ok(z);
             }
-            let mut step = steps(&self.loops, &residual).ok_or(SINGULAR)?;
+            let mut step = self.step(&residual).ok_or(SINGULAR)?;
             let whole = step.amax();
             let mut next = self.misfit(pool, loops, &(&z - &step));
             for _ in 0..HALVINGS {
@@ -493,19 +535,6 @@ struct Loops {
     slopes: Vec<(usize, usize, Expr)>,
     /// Whether the slopes are the same everywhere.
     linear: bool,
-}
-
-/// Newton's step. An unknown on a flat piece of its law, as dry friction at rest, moves on by 1 until the law has a
-/// slope.
-fn steps(slopes: &DMatrix<f64>, residual: &DVector<f64>) -> Option<DVector<f64>> {
-    let (mut slopes, mut residual) = (slopes.clone(), residual.clone());
-    for k in 0..residual.len() {
-        if residual[k] != 0.0 && slopes.row(k).iter().all(|d| *d == 0.0) {
-            slopes[(k, k)] = 1.0;
-            residual[k] = residual[k].signum();
-        }
-    }
-    slopes.lu().solve(&residual)
 }
 
 /// How fast each state of the continuous regions changes, in SI units a second: dx/dt of the energy and signal states

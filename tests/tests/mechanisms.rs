@@ -2,6 +2,7 @@
 //! and such as were found by other means.
 
 use crate::common::{advance, close, file, models, probe, read, scenes_of, start, stop, with};
+use bond::internal::CompiledInternals;
 use bond::{Options, Steps};
 
 /// What each is to come to is an expectation of its own (`expectations`).
@@ -150,4 +151,63 @@ model Knife {
         let form = with(Options::new(), text).show("phs");
         assert!(form.contains(wanted), "{form}");
     }
+}
+
+/// Three cranks of one coupler, of which two would do, for many steps: nothing grows of what they say twice.
+#[test]
+fn what_is_said_twice_does_not_grow() {
+    for (name, [off, tilt]) in [("parallel_cranks", ["off", "tilt"]), ("cognates", ["rings", "rings"])] {
+        let compiled = file(&models().join(format!("mechanisms/{name}.bond")), Options::new());
+        let mut sim = start(&compiled, Steps::fixed(0.001));
+        advance(&mut sim, 100.0);
+        for what in [off, tilt] {
+            close(1.0 + probe(&mut sim, what), 1.0, 1e-11, &format!("{what} of {name}"));
+        }
+        let s = sim.summary();
+        assert!(s.passive && s.worst_step < 1e-13, "{name}: a step's balance is off by {:e}", s.worst_step);
+    }
+}
+
+/// A coupler on three cranks that are not parallel is held fast. The message names what cannot move.
+#[test]
+fn what_is_held_is_refused() {
+    let model = read(&models().join("mechanisms/parallel_cranks.bond"));
+    let (head, body) = model.split_once("q0 = 1 rad").expect("it says where cranks start");
+    let text = format!("{head}q0 = 1 rad + i*0.2 rad{body}");
+    let why = Options::new().compile_str("cranks.bond", &text).expect_err("nothing of it can move").to_string();
+    assert!(why.contains("structure::held") && why.contains("at rest"), "{why}");
+}
+
+/// The linear model of three cranks, on all that they can do: that of one whose speed w follows from the coupler's
+/// momentum p, w = -p/(m r sin a), dp/dt = -m r w^2 cos a.
+#[test]
+fn the_linear_model_of_what_is_said_twice() {
+    let compiled = file(&models().join("mechanisms/parallel_cranks.bond"), Options::new());
+    let linear = compiled.linearize(0.0, &|_| None).expect("it has a linear model");
+    assert_eq!(linear.states, ["a[1].q", "a[2].q", "a[3].q", "turn.q", "mx.p"]);
+    let ((sin, cos), m, r, w) = (1.0_f64.sin_cos(), 2.0, 0.1, 10.0);
+    let all = |i: usize| linear.a[(i, 0)] + linear.a[(i, 1)] + linear.a[(i, 2)];
+    for i in 0..3 {
+        close(all(i), -w * cos / sin, 1e-9, "how fast a crank turns, by the angle of all");
+        close(linear.a[(i, 4)], -1.0 / (m * r * sin), 1e-9, "how fast a crank turns, by the momentum");
+    }
+    close(all(4), m * r * w * w * (sin + 2.0 * cos * cos / sin), 1e-8, "the force, by the angle of all");
+    close(linear.a[(4, 4)], 2.0 * w * cos / sin, 1e-8, "the force, by the momentum");
+}
+
+/// A source turns one of three cranks: the others follow.
+#[test]
+fn what_is_said_twice_is_driven() {
+    let model = read(&models().join("mechanisms/parallel_cranks.bond"));
+    let text =
+        model.replace("  C:turn {", "  Sf:drive = 10 rad/s + (5 rad/s)*sin((3 rad/s)*t)\n  drive -> w[1]\n  C:turn {");
+    assert_ne!(text, model);
+    let compiled = with(Options::new(), &text);
+    let mut sim = start(&compiled, Steps::tolerance(1e-8));
+    advance(&mut sim, 2.0);
+    close(probe(&mut sim, "a1"), 1.0 + 20.0 + 5.0 / 3.0 * (1.0 - 6.0_f64.cos()), 5e-6, "the angle that is driven");
+    for what in ["off", "tilt"] {
+        close(1.0 + probe(&mut sim, what), 1.0, 1e-11, what);
+    }
+    assert!(sim.summary().passive && sim.summary().worst_step < 1e-12);
 }

@@ -122,7 +122,10 @@ fn one_ports(model: &Model, graph: &BondGraph, wanted: &dyn Fn(Kind) -> bool) ->
 /// # Errors
 /// Conflicts, with the chain of bonds, and junctions that nothing determines.
 pub fn assign(model: &mut Model, graph: BondGraph) -> Result<(BondGraph, Causality), Vec<Diagnostic>> {
-    let causality = strokes_and_rank(model, &graph)?;
+    let causality = match strokes_and_rank(model, &graph) {
+        Ok(causality) => causality,
+        Err(errors) => return tie_all(model, graph).ok_or(errors),
+    };
     if !modulation::moves(model) || causality.dependent.is_empty() {
         return Ok((graph, causality));
     }
@@ -143,6 +146,27 @@ pub fn assign(model: &mut Model, graph: BondGraph) -> Result<(BondGraph, Causali
     let graph = graph::build(model);
     let causality = strokes_and_rank(model, &graph)?;
     Ok((graph, causality))
+}
+
+/// Has all storages keep their states, where no strokes fit and ratios change with states: a source may drive what
+/// holds its own kind of motion alone as long as constraints that say the same are taken for such as say more.
+fn tie_all(model: &mut Model, graph: BondGraph) -> Option<(BondGraph, Causality)> {
+    let has_borders = model.bonds.iter().any(|b| b.sampled || b.stroke.is_some());
+    if !modulation::moves(model) || has_borders || !one_ports(model, &graph, &|kind| kind == Kind::PORT).is_empty() {
+        return None;
+    }
+    let storages: Vec<ElementId> = one_ports(model, &graph, &Kind::is_storage).into_iter().map(|s| s.0).collect();
+    let n = model.bonds.len();
+    let none = Causality {
+        strokes: vec![Stroke::Head; n],
+        causes: vec![Cause::Free; n],
+        dependent: Vec::new(),
+        implicit: Vec::new(),
+    };
+    let mut tied = model.clone();
+    let found = tie(&mut tied, graph, &none, &storages).ok()?;
+    *model = tied;
+    Some(found)
 }
 
 /// Has storages that depend on one another all keep their states: what they would follow one another by is held by
