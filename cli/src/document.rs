@@ -2,7 +2,7 @@
 
 use bond_compiler::elaborate::{Files, Loader, elaborate, load};
 use bond_compiler::model::{Kind, Model as Flat};
-use bond_compiler::units::Dimension;
+use bond_compiler::units::DisplayUnit;
 use bond_grammar::ast::{self, Chain, Definition, End, Expr, ExprKind, File, Item, Model, Statement, StatementKind};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::{SourceId, Sources};
@@ -140,7 +140,10 @@ fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> C
             name: p.name.text.clone(),
             doc: p.docs.clone(),
             default: p.default.as_ref().map(|e| sources.slice(e.span).to_string()),
-            unit: known.and_then(|q| q.unit).map(|d| d.to_string()).or_else(|| written(sources, p.default.as_ref()?)),
+            unit: known
+                .and_then(|q| q.unit.as_ref())
+                .map(ToString::to_string)
+                .or_else(|| written(sources, p.default.as_ref()?)),
             value: known.filter(|_| p.default.is_some()).map(|q| q.value),
         });
     }
@@ -165,7 +168,10 @@ fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> C
                 name: it.name.text.clone(),
                 doc: s.docs.clone(),
                 default: Some(sources.slice(it.value.span).to_string()),
-                unit: known.and_then(|i| i.unit).map(|d| d.to_string()).or_else(|| written(sources, &it.value)),
+                unit: known
+                    .and_then(|i| i.unit.as_ref())
+                    .map(ToString::to_string)
+                    .or_else(|| written(sources, &it.value)),
                 value: known.map(|i| i.value),
             });
         }
@@ -185,7 +191,7 @@ fn component(sources: &Sources, id: SourceId, files: &Files, model: &Model) -> C
 
 /// A probe or an output, whose statement has its doc.
 fn probe(flat: Option<&Flat>, s: &Statement, it: &Definition) -> Probe {
-    let unit = flat.and_then(|f| f.probes.iter().find(|p| p.name == it.name.text)?.unit);
+    let unit = flat.and_then(|f| f.probes.iter().find(|p| p.name == it.name.text)?.unit.as_ref());
     Probe { name: it.name.text.clone(), doc: s.docs.clone(), unit: unit.map(|d| d.to_string()) }
 }
 
@@ -210,15 +216,11 @@ fn units(flat: Option<&Flat>, port: &str) -> (Option<String>, Option<String>) {
     let pair = flat.and_then(|f| {
         let (id, _) = f.ids().find(|(_, e)| e.kind == Kind::PORT && e.name == port)?;
         let at = f.bonds.iter().position(|b| b.tail == id || b.head == id)?;
-        f.units.get(at).copied()
+        f.units.get(at).cloned()
     });
     let (effort, flow) = pair.unwrap_or((None, None));
-    // A torque and an energy are of one dimension, and so are an angular speed and a frequency.
-    if (effort, flow) == (Some(Dimension::JOULE), Some(Dimension::HERTZ)) {
-        return (Some("N*m".into()), Some("rad/s".into()));
-    }
     // Half a power of a unit: the model fixes their ratio alone, and is meant for pseudo bonds perhaps.
-    let text = |d: Option<Dimension>| d.map(|d| d.to_string()).filter(|unit| !unit.contains("^("));
+    let text = |d: Option<DisplayUnit>| d.map(|d| d.to_string()).filter(|unit| !unit.contains("^("));
     (text(effort), text(flow))
 }
 

@@ -18,6 +18,7 @@ use bond::internal::{CarriedTexts, CompiledInternals, TextInternals};
 use bond::{Compiled, Options, Text};
 use bond_compiler::elaborate;
 use bond_compiler::model::Settings;
+use bond_compiler::units;
 use bond_runtime::envelope::{self, Kind};
 use bond_runtime::scene::{Input, Open, Scene};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -289,7 +290,7 @@ fn told(e: &Environment) -> String {
 
 fn tell(out: &mut String, e: &Environment) -> std::fmt::Result {
     let scene = &e.scene;
-    let unit = |u: &Option<String>| u.as_ref().filter(|u| *u != "1").map(|u| format!(" {u}")).unwrap_or_default();
+    let unit = |u: &Option<String>| u.as_ref().map(|u| format!(" {}", units::in_prose(u))).unwrap_or_default();
     let section = |out: &mut String, title: &str, lines: Vec<String>| -> std::fmt::Result {
         if lines.is_empty() {
             return Ok(());
@@ -328,7 +329,7 @@ fn bracketed(unit: &str) -> String {
 
 /// An open port in words.
 fn port(scene: &Scene, o: &Open) -> String {
-    let unit = |u: &Option<String>| bracketed(u.as_deref().filter(|u| *u != "1").unwrap_or_default());
+    let unit = |u: &Option<String>| bracketed(u.as_deref().map_or("", units::in_prose));
     let word = if o.takes_flow { "effort" } else { "flow" };
     let period = scene.clusters.get(o.port.0).and_then(|c| c.period);
     match period {

@@ -4,6 +4,7 @@ use crate::pending::Sink;
 use crate::picture;
 use crate::stop::Stop;
 use bond::internal::{Anchor, BLACK, COLOURS, Drawing, GREY, Mark, PALE, power};
+use bond_compiler::units;
 use bond_runtime::scene::Probes;
 use std::path::PathBuf;
 
@@ -371,7 +372,7 @@ impl Axis {
         let factor = if self.exponent == 0 { String::new() } else { power(self.exponent) };
         let text = match unit {
             "" | "1" if !factor.is_empty() => factor,
-            _ => [factor.as_str(), unit].join(" ").trim().to_string(),
+            _ => [factor.as_str(), units::in_prose(unit)].join(" ").trim().to_string(),
         };
         if self.base == 0.0 { text } else { format!("{text} above {}", self.base).trim().to_string() }
     }

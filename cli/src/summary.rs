@@ -5,6 +5,7 @@ use crate::choose::Chosen;
 use crate::stop::Stop;
 use bond::{LineSummary, RegionSummary, RunError, SteeredSource, Summary};
 use bond_compiler::elaborate::told;
+use bond_compiler::units;
 use bond_runtime::scene::{LeftOut, Scene, Steering};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::fmt::Write;
@@ -157,7 +158,7 @@ fn write_text(out: &mut String, o: &Outcome) -> std::fmt::Result {
         writeln!(out, "\nat {instant}")?;
         let width = o.scene.probes.names.iter().map(|n| n.chars().count()).max().unwrap_or(0).clamp(11, 40);
         for (i, (name, x)) in o.scene.probes.names.iter().zip(o.values).enumerate() {
-            let unit = o.scene.probes.units.get(i).and_then(Option::as_deref).filter(|u| *u != "1").unwrap_or("");
+            let unit = o.scene.probes.units.get(i).and_then(Option::as_deref).map_or("", units::in_prose);
             let value = short(*x);
             writeln!(out, "  {name:width$} {}", format!("{value} {unit}").trim_end())?;
         }

@@ -7,7 +7,7 @@
 
 use crate::expression::{Expr, Pool, Symbol};
 use crate::thresholds::Thresholds;
-use crate::units::Dimension;
+use crate::units::DisplayUnit;
 use bond_grammar::ast::Stroke;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -397,7 +397,7 @@ pub struct Input {
     /// The symbol of what it changes by in a second, 0 where it jumps.
     pub slope: Symbol,
     /// Its unit, where it is determined.
-    pub unit: Option<Dimension>,
+    pub unit: Option<DisplayUnit>,
     /// What it is where nothing is given, SI.
     pub value: f64,
     /// Its name's place.
@@ -412,7 +412,7 @@ pub struct Memory {
     /// Its symbol.
     pub symbol: Symbol,
     /// Its unit, where it is determined.
-    pub unit: Option<Dimension>,
+    pub unit: Option<DisplayUnit>,
     /// Value at the start, SI.
     pub start: f64,
     /// dz/dt; of a sampled one, what z is an interval later.
@@ -495,7 +495,7 @@ pub struct Probe {
     /// What it shows, in SI.
     pub value: Expr,
     /// Its unit, where it is determined.
-    pub unit: Option<Dimension>,
+    pub unit: Option<DisplayUnit>,
     /// Where it stands.
     pub span: Span,
 }
@@ -582,7 +582,7 @@ pub struct Parameter {
     /// Its value, SI.
     pub value: f64,
     /// Its unit; `None` for the literal 0, which has every unit.
-    pub unit: Option<Dimension>,
+    pub unit: Option<DisplayUnit>,
 }
 
 /// A part of the scene: an instance of a model, or a two-port by a matrix.
@@ -615,7 +615,7 @@ pub struct Exchanged {
     /// What it is, as written: in the names around the instance if the part is given it, else in those of the part.
     pub value: String,
     /// Its unit; `None` where nothing reads it, or where its entries have several.
-    pub unit: Option<Dimension>,
+    pub unit: Option<DisplayUnit>,
 }
 
 /// A flat model.
@@ -664,7 +664,7 @@ pub struct Model {
     /// What the symbols stand for.
     pub signals: FxHashMap<Symbol, Signal>,
     /// Unit of each bond's effort and flow, where determined.
-    pub units: Vec<(Option<Dimension>, Option<Dimension>)>,
+    pub units: Vec<(Option<DisplayUnit>, Option<DisplayUnit>)>,
     /// For each bond, whether effort times flow is no power.
     pub pseudo: Vec<bool>,
     /// What its text says that the author may not have meant, a sentence each.
@@ -757,18 +757,18 @@ impl Model {
 
     /// Has the last bond the units of another one.
     fn like(&mut self, bond: BondId) {
-        self.units.push(self.units[bond.at()]);
+        self.units.push(self.units[bond.at()].clone());
         self.pseudo.push(self.pseudo[bond.at()]);
     }
 
     /// A value of a bond's variable in words, with its unit.
     pub fn quantity(&self, bond: BondId, variable: Variable, value: f64) -> String {
-        let (effort, flow) = self.units.get(bond.at()).copied().unwrap_or_default();
+        let (effort, flow) = self.units.get(bond.at()).cloned().unwrap_or_default();
         let unit = if variable == Variable::Effort { effort } else { flow };
         // Without what is rounding.
         let value: f64 = format!("{value:.11e}").parse().unwrap_or(value);
         match unit.filter(|unit| !unit.is_one()) {
-            Some(unit) => format!("{value} {}", unit.written()),
+            Some(unit) => format!("{value} {unit}"),
             None => value.to_string(),
         }
     }

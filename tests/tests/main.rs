@@ -60,6 +60,7 @@ mod stepped_over;
 mod stiff_signals;
 mod switching;
 mod units_scaled;
+mod units_shown;
 mod values;
 mod verdict;
 mod waves;

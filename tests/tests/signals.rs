@@ -886,7 +886,7 @@ fn a_part_alone() {
 fn units_of_what_parts_are_given() {
     let part = "model Twice(k = 2) { input x = 0 output y = k*x } ";
     let compiled = text(&format!("{part} model M {{ Twice:a(x = 3 m) Twice:b(k = 2 Hz, x = a.y) probe y = b.y }}"));
-    let unit = compiled.stages().model.probes[0].unit.map(|u| u.to_string());
+    let unit = compiled.stages().model.probes[0].unit.as_ref().map(|u| u.to_string());
     assert_eq!(unit.as_deref(), Some("m/s"));
     let wrong =
         crate::common::errors(&format!("{part} model M {{ Twice:a(x = 3 V) probe y = a.y + 1 N }}")).to_string();

@@ -3,6 +3,8 @@
 use super::trial::Run;
 use bond::Compiled;
 use bond::internal::CompiledInternals;
+use bond_compiler::structure::State;
+use bond_compiler::units;
 use std::collections::BTreeMap;
 
 /// Least size of a probe, as a part of the largest value of its unit: one that is 0 apart from rounding has no size of
@@ -26,11 +28,14 @@ impl Quantities {
         let scene = compiled.scene();
         let mut names = scene.probes.names.clone();
         let probes = names.len();
+        // Angles and bare numbers are of one size.
+        let dimension = |u: &String| units::read(u).map_or(u.clone(), |u| u.dimension.to_string());
         let mut units: Vec<Option<String>> =
-            (0..probes).map(|i| scene.probes.units.get(i).cloned().flatten()).collect();
+            (0..probes).map(|i| scene.probes.units.get(i)?.as_ref().map(dimension)).collect();
         let regions = &compiled.stages().form.regions;
+        let dimension = |s: &State| s.unit.as_ref().map(|u| u.dimension.to_string());
         let known: BTreeMap<&str, Option<String>> =
-            regions.iter().flat_map(|r| &r.states).map(|s| (s.name.as_str(), s.unit.map(|u| u.to_string()))).collect();
+            regions.iter().flat_map(|r| &r.states).map(|s| (s.name.as_str(), dimension(s))).collect();
         for name in scene.clusters.iter().flat_map(|c| c.names.iter().take(c.states)) {
             units.push(known.get(name.as_str()).cloned().flatten());
             names.push(name.clone());

@@ -7,6 +7,7 @@ use crate::report;
 use crate::stop::Stop;
 use bond::internal::FileLoader;
 use bond_compiler::elaborate::{LIBRARY, NoFiles, nearest};
+use bond_compiler::units;
 use bond_grammar::source::Sources;
 use serde::Serialize;
 use std::fmt::Write;
@@ -201,7 +202,7 @@ fn tables(c: &Component) -> Vec<Table> {
             Some(Arrow::Out) => "out ->",
             None => "",
         };
-        let unit = |u: &Option<String>| u.clone().unwrap_or_else(|| "?".into());
+        let unit = |u: &Option<String>| u.as_deref().map_or("?", units::in_prose).to_string();
         let pair = match (&p.effort, &p.flow) {
             (None, None) => "as bonded".to_string(),
             (e, f) => format!("{}, {}", unit(e), unit(f)),
@@ -222,6 +223,7 @@ fn tables(c: &Component) -> Vec<Table> {
     }
     for (title, of) in [("outputs", &c.outputs), ("probes", &c.probes)] {
         let rows = of.iter().map(|p| {
+            // What has no unit alone may have that of what it is given.
             let unit = p.unit.clone().filter(|u| u != "1").unwrap_or_default();
             vec![p.name.clone(), unit, p.doc.join(" ")]
         });

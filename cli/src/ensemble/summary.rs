@@ -4,6 +4,7 @@ use super::job::Job;
 use super::statistics::{Moments, Statistics};
 use crate::stop::Stop;
 use crate::summary::short;
+use bond_compiler::units;
 use bond_runtime::scene::Scene;
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
@@ -97,7 +98,7 @@ impl Told<'_> {
         let [min, mean, max, sd] = ["min", "mean", "max", "sd"];
         writeln!(out, "\n{:w$} {min:12} {mean:12} {max:12} {sd}", "at the end", w = width + 2)?;
         for (i, (name, m)) in self.job.probes.iter().zip(&s.probes).enumerate() {
-            let unit = self.scene.probes.units.get(i).and_then(Option::as_deref).filter(|u| *u != "1").unwrap_or("");
+            let unit = self.scene.probes.units.get(i).and_then(Option::as_deref).map_or("", units::in_prose);
             let [min, mean, max, sd] = numbers(m).map(|(_, x)| if x.is_nan() { "-".into() } else { short(x) });
             let row = format!("  {name:width$} {min:12} {mean:12} {max:12} {sd:12} {unit}");
             writeln!(out, "{}", row.trim_end())?;

@@ -105,7 +105,7 @@ fn other_programs_read_json() {
     );
     assert_eq!(
         part["parameters"][1],
-        serde_json::json!({"name": "D", "doc": [], "default": "2*1e-6 m^3", "unit": "m^3", "value": 2e-6})
+        serde_json::json!({"name": "D", "doc": [], "default": "2*1e-6 m^3", "unit": "m^3/rad", "value": 2e-6})
     );
     assert_eq!(part["probes"][0]["name"], "speed");
     let diode = json(&["doc", "std.electrical.Diode", "--as", "json"]);

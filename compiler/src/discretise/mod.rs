@@ -17,7 +17,7 @@ use crate::Options;
 use crate::expression::Symbol;
 use crate::model::{ElementId, Law, Model, Signal, Variable};
 use crate::structure::{ColumnId, Form, Role};
-use crate::units::Dimension;
+use crate::units::DisplayUnit;
 use analysis::sizes::sizes;
 use assembly::build::Asked;
 use assembly::{build, probes, watched};
@@ -120,8 +120,8 @@ fn waves(model: &mut Model, form: &Form, clusters: &[cluster::Cluster]) -> Vec<s
         let mut place = clusters.iter().enumerate();
         let place = place.find_map(|(c, x)| Some((c, x.lines.iter().position(|line| line.symbol == symbol)?)));
         let (Some((cluster, line)), Some(column)) = (place, form.column_of_element[end.at()]) else { continue };
-        let (effort, flow) = model.units.get(form.column(column).bond.at()).copied().unwrap_or_default();
-        let unit = effort.zip(flow).map(|(e, f)| e.div(f).to_string());
+        let (effort, flow) = model.units.get(form.column(column).bond.at()).cloned().unwrap_or_default();
+        let unit = effort.zip(flow).map(|(e, f)| e.div(&f).to_string());
         list.push(scene::WavePort { name: l.name.clone(), cluster, line, impedance: 1.0 / admittance, unit });
     }
     list
@@ -197,7 +197,7 @@ pub fn discretise(
         scene.clusters.push(scene::Cluster { sizes, entries, ..cluster });
     }
     for i in &model.inputs {
-        let (name, unit) = (i.name.clone(), i.unit.map(|u| u.to_string()));
+        let (name, unit) = (i.name.clone(), i.unit.as_ref().map(DisplayUnit::to_string));
         scene.inputs.push(scene::Input { name, unit, value: i.value });
     }
     let mut home = vec![0; form.regions.len()];
@@ -235,7 +235,7 @@ pub fn discretise(
             let takes_flow = c.gives == Variable::Flow;
             let other = if takes_flow { Variable::Effort } else { Variable::Flow };
             let (along, answers) = (c.sign_of(c.gives) as f64, c.sign_of(other) as f64);
-            let (effort, flow) = model.units.get(c.bond.at()).copied().unwrap_or_default();
+            let (effort, flow) = model.units.get(c.bond.at()).cloned().unwrap_or_default();
             let (own, other) = if takes_flow { (effort, flow) } else { (flow, effort) };
             scene.open.push(scene::Open {
                 name: c.name.clone(),
@@ -244,7 +244,7 @@ pub fn discretise(
                 resolution: model.bond(c.bond).resolution.unwrap_or(0.0),
                 takes_flow,
                 unit: own.map(|u| u.to_string()),
-                moved: other.map(|u| u.mul(Dimension::SECOND).to_string()),
+                moved: other.map(|u| u.seconds().to_string()),
                 along,
                 answers,
             });

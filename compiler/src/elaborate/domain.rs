@@ -109,7 +109,7 @@ pub(super) fn is_physical(effort: Dimension, flow: Dimension) -> bool {
 /// The domain of graph whose units alone an element's equation asks about.
 fn only_domain(e: &Equation) -> Option<u32> {
     let terms = |unit: &Unit| match unit {
-        Unit::Form(_, terms) => terms.iter().map(|t| t.0.0 / 2).collect::<Vec<u32>>(),
+        Unit::Form(_, terms, _) => terms.iter().map(|t| t.0.0 / 2).collect::<Vec<u32>>(),
         Unit::Any => Vec::new(),
     };
     let needed = terms(&e.needed.0);
@@ -121,7 +121,7 @@ fn only_domain(e: &Equation) -> Option<u32> {
 pub(super) fn entropy(all: &[Equation], e: &Equation, system: &System, names: &Names<'_>) -> Option<String> {
     let (_, rest) = e.about.split_once("the power of `")?;
     let (source, _) = rest.split_once("` on its two ports (the thermal one")?;
-    let Unit::Form(_, terms) = &e.found.0 else { return None };
+    let Unit::Form(_, terms, _) = &e.found.0 else { return None };
     let graph = terms.iter().find(|(_, (n, d))| (*n < 0) != (*d < 0)).map(|(v, _)| v.0 / 2)?;
     let pair = [Unit::effort(graph as usize), Unit::flow(graph as usize)].map(|unit| system.known(&unit));
     if pair != [Some(Dimension::KELVIN), Some(Dimension::WATT)] {
@@ -129,7 +129,7 @@ pub(super) fn entropy(all: &[Equation], e: &Equation, system: &System, names: &N
     }
     let asks_flow = |e: &&Equation| {
         only_domain(e) == Some(graph)
-            && matches!(&e.needed.0, Unit::Form(_, terms) if terms.iter().any(|t| t.0.0 % 2 == 1))
+            && matches!(&e.needed.0, Unit::Form(_, terms, _) if terms.iter().any(|t| t.0.0 % 2 == 1))
     };
     let mut told: Vec<String> = Vec::new();
     for owner in all.iter().filter(asks_flow).filter_map(|e| e.owner) {
@@ -149,7 +149,7 @@ pub(super) fn entropy(all: &[Equation], e: &Equation, system: &System, names: &N
 /// What a transformer or gyrator joins, and what ratio fits it, where the one that is given does not.
 pub(super) fn joined(e: &Equation, system: &System, names: &Names<'_>) -> Option<String> {
     let name = e.about.strip_prefix("the ratio of `")?.strip_suffix('`')?;
-    let Unit::Form(_, terms) = &e.needed.0 else { return None };
+    let Unit::Form(_, terms, _) = &e.needed.0 else { return None };
     let term = |sign: i32| terms.iter().find(|t| t.1 == (sign, 1)).map(|t| t.0.0);
     let (above, below) = (term(1)?, term(-1)?);
     // Efforts have even numbers: e_in/e_out and f_out/f_in of a TF, e_in/f_out and e_out/f_in of a GY.
@@ -192,7 +192,7 @@ fn quotient(above: &'static str, below: &'static str) -> String {
     match below.strip_suffix("/s") {
         None if let Some(rest) = longer(above, below) => rest.to_string(),
         None if let Some(rest) = longer(below, above) => format!("{rest}^-1"),
-        Some("rad") => format!("{above}*s"),
+        Some("rad") => format!("{above}/(rad/s)"),
         Some(part) if let Some(rest) = above.strip_suffix(part).and_then(|rest| rest.strip_suffix('*')) => {
             format!("{rest}*s")
         }
@@ -207,7 +207,7 @@ fn quotient(above: &'static str, below: &'static str) -> String {
 fn fitting(e: &Equation, graph: u32, system: &System) -> Vec<Domain> {
     let keep = |v: Unknown| v.0 / 2 == graph;
     let ratio = system.reduce_others(&e.found.0.div(&e.needed.0), &keep);
-    let Unit::Form(d, terms) = ratio else { return Vec::new() };
+    let Unit::Form(d, terms, _) = ratio else { return Vec::new() };
     if !terms.iter().all(|t| keep(t.0)) {
         return Vec::new();
     }

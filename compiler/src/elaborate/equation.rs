@@ -1,13 +1,13 @@
 //! Units as products of powers of unknown ones, equations between them, and the linear system that these make.
 
 use crate::model::ElementId;
-use crate::units::Dimension;
+use crate::units::{Dimension, Reading};
 use bond_grammar::source::Span;
 use rustc_hash::FxHashMap;
 use std::rc::Rc;
 
 /// A rational exponent, den > 0, in lowest terms.
-type Ratio = (i32, i32);
+pub(super) type Ratio = (i32, i32);
 
 fn reduce((n, d): Ratio) -> Ratio {
     fn gcd(a: i32, b: i32) -> i32 {
@@ -17,11 +17,11 @@ fn reduce((n, d): Ratio) -> Ratio {
     (n / g, d / g)
 }
 
-fn plus(a: Ratio, b: Ratio) -> Ratio {
+pub(super) fn plus(a: Ratio, b: Ratio) -> Ratio {
     reduce((a.0.saturating_mul(b.1).saturating_add(b.0.saturating_mul(a.1)), a.1.saturating_mul(b.1)))
 }
 
-fn times(a: Ratio, b: Ratio) -> Ratio {
+pub(super) fn times(a: Ratio, b: Ratio) -> Ratio {
     reduce((a.0.saturating_mul(b.0), a.1.saturating_mul(b.1)))
 }
 
@@ -29,19 +29,77 @@ fn times(a: Ratio, b: Ratio) -> Ratio {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Unknown(pub u32);
 
+impl Unknown {
+    /// That of the effort of a domain.
+    pub fn effort(domain: usize) -> Unknown {
+        Unknown(2 * domain as u32)
+    }
+
+    /// That of the flow of a domain.
+    pub fn flow(domain: usize) -> Unknown {
+        Unknown(2 * domain as u32 + 1)
+    }
+
+    /// That of the signal with this number.
+    pub fn signal(number: usize) -> Unknown {
+        Unknown(1 << 31 | number as u32)
+    }
+
+    /// That of the parameter with this number.
+    pub fn parameter(number: usize) -> Unknown {
+        Unknown(3 << 30 | number as u32)
+    }
+}
+
+/// How many radians an expression's unit counts beyond those of its unknowns. Only what is shown depends on it: no two
+/// units differ by it.
+#[derive(Clone, Debug)]
+pub struct Angle {
+    /// What is known.
+    pub radians: Ratio,
+    /// Powers of the units of parameters and signals whose dimension is known, but not what they say about angles.
+    pub terms: Vec<(Unknown, Ratio)>,
+    /// Whether a number is in it whose unit may be meant otherwise: 2 V*s for 2 V/(rad/s).
+    pub vague: bool,
+}
+
+impl Angle {
+    const NONE: Angle = Angle { radians: (0, 1), terms: Vec::new(), vague: false };
+}
+
+impl PartialEq for Angle {
+    fn eq(&self, _: &Angle) -> bool {
+        true
+    }
+}
+
 /// The unit of an expression.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Unit {
     /// The literal 0 has every unit.
     Any,
     /// A dimension times powers of unknowns.
-    Form(Dimension, Vec<(Unknown, Ratio)>),
+    Form(Dimension, Vec<(Unknown, Ratio)>, Angle),
 }
 
 impl Unit {
     /// A known one.
     pub fn known(d: Dimension) -> Unit {
-        Unit::Form(d, Vec::new())
+        Unit::Form(d, Vec::new(), Angle::NONE)
+    }
+
+    /// That of a number as it is written.
+    pub fn literal(d: Dimension, reading: Reading) -> Unit {
+        let angle = Angle { radians: (reading.radians, 1), vague: !reading.certain, ..Angle::NONE };
+        Unit::Form(d, Vec::new(), angle)
+    }
+
+    /// The same unit, and this unknown in the place of what it says about angles.
+    pub fn with_angle(self, v: Unknown) -> Unit {
+        match self {
+            Unit::Any => Unit::Any,
+            Unit::Form(d, terms, _) => Unit::Form(d, terms, Angle { terms: vec![(v, (1, 1))], ..Angle::NONE }),
+        }
     }
 
     /// A bare number.
@@ -51,39 +109,57 @@ impl Unit {
 
     /// An unknown.
     pub fn unknown(v: Unknown) -> Unit {
-        Unit::Form(Dimension::DIMENSIONLESS, vec![(v, (1, 1))])
+        Unit::Form(Dimension::DIMENSIONLESS, vec![(v, (1, 1))], Angle::NONE)
     }
 
     /// Effort of a domain.
     pub fn effort(domain: usize) -> Unit {
-        Unit::unknown(Unknown(2 * domain as u32))
+        Unit::unknown(Unknown::effort(domain))
     }
 
     /// Flow of a domain.
     pub fn flow(domain: usize) -> Unit {
-        Unit::unknown(Unknown(2 * domain as u32 + 1))
+        Unit::unknown(Unknown::flow(domain))
     }
 
     /// A unit of its own, that of the signal with this number, where what it starts with does not tell it.
     pub fn signal(number: usize) -> Unit {
-        Unit::unknown(Unknown(1 << 31 | number as u32))
+        Unit::unknown(Unknown::signal(number))
     }
 
     /// The same of the parameter with this number: 0 has every unit, what stands for it has one.
     pub fn parameter(number: usize) -> Unit {
-        Unit::unknown(Unknown(3 << 30 | number as u32))
+        Unit::unknown(Unknown::parameter(number))
+    }
+
+    /// Of two that must be the same, the one that says more: this one, unless only the other says how many radians it
+    /// counts.
+    pub fn or_clearer(&self, other: &Unit) -> Unit {
+        match (self, other) {
+            (Unit::Any, _) => other.clone(),
+            (Unit::Form(_, _, one), Unit::Form(_, _, two)) if self == other && one.vague && !two.vague => other.clone(),
+            (Unit::Form(..), _) => self.clone(),
+        }
+    }
+
+    /// Whether it counts radians that are not known yet.
+    pub fn has_open_angle(&self) -> bool {
+        matches!(self, Unit::Form(_, _, angle) if !angle.terms.is_empty())
     }
 
     /// `self * other^n`
     pub fn times(&self, other: &Unit, n: Ratio) -> Unit {
         match (self, other) {
             (Unit::Any, _) | (_, Unit::Any) => Unit::Any,
-            (Unit::Form(a, x), Unit::Form(b, y)) => {
-                let mut terms = x.clone();
-                for &(v, c) in y {
-                    add_term(&mut terms, v, times(c, n));
-                }
-                Unit::Form(a.mul(b.pow(n.0, n.1)), terms)
+            (Unit::Form(a, x, p), Unit::Form(b, y, q)) => {
+                let with = |x: &[(Unknown, Ratio)], y: &[(Unknown, Ratio)]| {
+                    let mut terms = x.to_vec();
+                    y.iter().for_each(|&(v, c)| add_term(&mut terms, v, times(c, n)));
+                    terms
+                };
+                let radians = plus(p.radians, times(q.radians, n));
+                let angle = Angle { radians, terms: with(&p.terms, &q.terms), vague: p.vague || q.vague };
+                Unit::Form(a.mul(b.pow(n.0, n.1)), with(x, y), angle)
             }
         }
     }
@@ -107,7 +183,7 @@ impl Unit {
     }
 }
 
-fn add_term(terms: &mut Vec<(Unknown, Ratio)>, v: Unknown, c: Ratio) {
+pub(super) fn add_term(terms: &mut Vec<(Unknown, Ratio)>, v: Unknown, c: Ratio) {
     match terms.binary_search_by_key(&v, |t| t.0) {
         Ok(i) => {
             terms[i].1 = plus(terms[i].1, c);
@@ -163,7 +239,7 @@ impl System {
 
     /// Replaces all solved unknowns.
     pub fn reduce(&self, unit: &Unit) -> Unit {
-        let Unit::Form(d, terms) = unit else { return Unit::Any };
+        let Unit::Form(d, terms, angle) = unit else { return Unit::Any };
         let (mut d, mut terms) = (*d, terms.clone());
         while let Some(i) = terms.iter().position(|(v, _)| self.rows.contains_key(v)) {
             let (v, c) = terms.remove(i);
@@ -173,20 +249,20 @@ impl System {
                 add_term(&mut terms, w, times(k, c));
             }
         }
-        Unit::Form(d, terms)
+        Unit::Form(d, terms, angle.clone())
     }
 
     /// The dimension of a unit, where it is determined.
     pub fn known(&self, unit: &Unit) -> Option<Dimension> {
         match self.reduce(unit) {
-            Unit::Form(d, terms) if terms.is_empty() => Some(d),
+            Unit::Form(d, terms, _) if terms.is_empty() => Some(d),
             Unit::Form(..) | Unit::Any => None,
         }
     }
 
     /// A unit with the unknowns that are not of interest replaced, as far as they are solved.
     pub fn reduce_others(&self, unit: &Unit, keep: &dyn Fn(Unknown) -> bool) -> Unit {
-        let Unit::Form(d, terms) = unit else { return Unit::Any };
+        let Unit::Form(d, terms, _) = unit else { return Unit::Any };
         let mut all = Unit::known(*d);
         for &(v, n) in terms {
             let one = Unit::unknown(v);
@@ -197,7 +273,7 @@ impl System {
 
     /// Adds `unit = 1`; false where it contradicts what is known.
     pub fn require_one(&mut self, unit: &Unit) -> bool {
-        let Unit::Form(d, mut terms) = self.reduce(unit) else { return true };
+        let Unit::Form(d, mut terms, _) = self.reduce(unit) else { return true };
         let Some((v, c)) = terms.pop() else { return d.is_one() };
         // v^c * rest * d = 1, so v = (rest * d)^(-1/c)
         let k = reduce((-c.1, c.0));

@@ -52,7 +52,8 @@ impl<'a> Elaborator<'a> {
         about: impl Into<String>,
         rank: u8,
     ) {
-        if *found.0 == Unit::Any || needed == Unit::Any || *found.0 == needed {
+        let says_nothing = *found.0 == needed && !found.0.has_open_angle() && !needed.has_open_angle();
+        if *found.0 == Unit::Any || needed == Unit::Any || says_nothing {
             return;
         }
         self.equations.push(Equation {
@@ -296,7 +297,7 @@ impl<'a> Elaborator<'a> {
             Ok((factor, dimension)) => {
                 let number = units::in_si(digits, factor).unwrap_or(number) * self.base_units.factor(dimension);
                 let expr = self.pool.numeral(number);
-                Some(Typed { expr, unit: Unit::known(dimension) })
+                Some(Typed { expr, unit: Unit::literal(dimension, units::reading(Some(unit))) })
             }
             Err(unknown) => {
                 let help = match &unknown.suggestion {
@@ -358,7 +359,7 @@ impl<'a> Elaborator<'a> {
     pub(super) fn same(&mut self, a: (&Typed, &ast::Expr), b: (&Typed, &ast::Expr), about: &str) -> Unit {
         let about = format!("{about}, `{}`,", self.words(b.1));
         self.require((&b.0.unit, b.1.span), a.0.unit.clone(), Some(a.1.span), about, 3);
-        if a.0.unit == Unit::Any { b.0.unit.clone() } else { a.0.unit.clone() }
+        a.0.unit.or_clearer(&b.0.unit)
     }
 
     /// Truth is a bare number.

@@ -47,7 +47,7 @@ impl<'a> Elaborator<'a> {
         if !whole {
             return Err(Broken { errors: self.errors, model: None });
         }
-        let known = |u: &Unit| units.system.known(u);
+        let known = |u: &Unit| units.display(u);
         let exchanged = self.exchanges(&known);
         let remarks = self.told_remarks();
         let parts = self.parts();
@@ -142,6 +142,7 @@ impl<'a> Elaborator<'a> {
         let (elements, functions, params, sources) = (&self.elements, &self.functions, &self.params, self.sources);
         let (scopes, instances, lets) = (&self.scopes, &self.instances, &self.lets);
         inference.solve(
+            std::mem::take(&mut self.angles),
             &mut self.errors,
             &super::domain::Names {
                 element: &|id| elements.get(id.at()).map_or("", |e| &e.name),
@@ -175,7 +176,7 @@ impl<'a> Elaborator<'a> {
                             _ => return false,
                         };
                         let of = match value {
-                            Some(Value::Scalar(Typed { unit: Unit::Form(d, _), .. })) => Some(*d),
+                            Some(Value::Scalar(Typed { unit: Unit::Form(d, _, _), .. })) => Some(*d),
                             _ => None,
                         };
                         // Where both are known, it has to explain what the whole is off by.

@@ -2,9 +2,10 @@
 //! expression's unit is a product of powers of them and of a known dimension. Equating two units is a linear equation
 //! in the exponents, so that all of them are one linear system, solved by elimination as the equations come.
 
+use super::angle::{Angles, Declared};
 use super::domain::{self, Names};
 use super::equation::{self, Equation, System, Unit, Unknown};
-use crate::units::Dimension;
+use crate::units::{self, Dimension, DisplayUnit};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use rustc_hash::FxHashSet;
@@ -38,6 +39,14 @@ pub struct Units {
     pub system: System,
     /// For each domain, whether it is a pseudo bond graph.
     pub pseudo: Vec<bool>,
+    angles: Angles,
+}
+
+impl Units {
+    /// How a unit is shown, where it is determined.
+    pub fn display(&self, unit: &Unit) -> Option<DisplayUnit> {
+        self.angles.display(&self.system, unit)
+    }
 }
 
 impl Inference {
@@ -52,24 +61,22 @@ impl Inference {
     }
 
     /// Solves; contradictions become diagnostics at the place of the equation that did not fit any more.
-    pub fn solve(mut self, errors: &mut Vec<Diagnostic>, names: &Names<'_>) -> Units {
+    pub fn solve(mut self, declared: Vec<Declared>, errors: &mut Vec<Diagnostic>, names: &Names<'_>) -> Units {
         self.equations.sort_by_key(|e| e.rank);
         let Belief { system, pseudo, mixed, off, .. } = self.weigh();
+        let angles = Angles::solve(self.domains as usize, &system, &self.equations, declared);
         for e in off.iter().filter_map(|i| self.equations.get(*i)) {
-            let name = |u: &Unit| match system.reduce(u) {
-                Unit::Form(d, terms) if terms.is_empty() => Some(d.to_string()),
-                Unit::Form(..) | Unit::Any => None,
-            };
-            let found = match name(&e.found.0) {
-                Some(u) if u == "1" => "a bare number, without a unit".to_string(),
-                Some(u) => format!("in {u}"),
+            let name = |u: &Unit| system.known(u).map(|d| d.to_string());
+            let found = match angles.display(&system, &e.found.0) {
+                Some(u) if u.dimension.is_one() => "a bare number, without a unit".to_string(),
+                Some(u) => format!("in {}", u.written(units::of_number((names.text)(e.found.1)))),
                 None => "of another unit".to_string(),
             };
-            let needed = match system.known(&e.needed.0) {
-                Some(d) if d.is_one() => "a bare number without a unit".to_string(),
+            let needed = match angles.display(&system, &e.needed.0) {
+                Some(u) if u.dimension.is_one() => "a bare number without a unit".to_string(),
                 // How often a second something comes.
-                Some(Dimension::HERTZ) if e.about == "the rate" => "Hz".to_string(),
-                Some(d) => d.written(),
+                Some(u) if u.dimension == Dimension::HERTZ && e.about == "the rate" => "Hz".to_string(),
+                Some(u) => u.to_string(),
                 None => "another unit".to_string(),
             };
             let value = match name(&e.needed.0) {
@@ -98,7 +105,7 @@ impl Inference {
                 .filter(|_| turned && name(&e.found.0).is_some_and(|u| u != "1"));
             let bare = name(&e.found.0).is_some_and(|u| u == "1");
             // Where the unit is known apart from those of the bonds, they have no part in it.
-            let bonded = !matches!(&e.needed.0, Unit::Form(_, terms) if terms.is_empty());
+            let bonded = !matches!(&e.needed.0, Unit::Form(_, terms, _) if terms.is_empty());
             let source = self.equations.iter().find(|o| {
                 bare && bonded
                     && o.about != e.about
@@ -151,7 +158,7 @@ impl Inference {
             }
         }
         mixed.tell(&self.equations, errors, names);
-        Units { system, pseudo }
+        Units { system, pseudo, angles }
     }
 
     /// Believes the equations in an order that leaves the fewest that do not fit, and of such orders one in which the
@@ -181,7 +188,7 @@ impl Inference {
             let e = self.equations.get(i);
             let units = e.into_iter().flat_map(|e| [&e.found.0, &e.needed.0]);
             let terms = units.flat_map(|u| match u {
-                Unit::Form(_, terms) => terms.as_slice(),
+                Unit::Form(_, terms, _) => terms.as_slice(),
                 Unit::Any => &[],
             });
             terms.map(|t| t.0).filter(|v| v.0 < 1 << 31).map(|v| v.0 / 2)

@@ -4,6 +4,7 @@
 //! ports are joined (`join`) and, with every bond known, the second turns values into expressions (`express`,
 //! [`crate::element`]), and units are solved (`infer`).
 
+mod angle;
 mod array;
 mod bond;
 mod bundle;
@@ -274,6 +275,8 @@ pub(crate) struct Elaborator<'a> {
     torn: Vec<bool>,
     pub(crate) domain_of: Vec<usize>,
     pub(crate) equations: Vec<Equation>,
+    /// Units that are written, and whose part in angles follows from their use.
+    angles: Vec<angle::Declared>,
     /// The element whose law is being made.
     pub(crate) owner: Option<ElementId>,
     signals: FxHashMap<Symbol, Signal>,
@@ -420,6 +423,7 @@ pub fn elaborate(
         circular: false,
         untold: vec![],
         overrides: FxHashMap::default(),
+        angles: Vec::new(),
         base_units: options.base_units,
     };
     e.scene(scene, options).map_err(|broken| Broken { errors: once(broken.errors), ..broken })

@@ -1,8 +1,10 @@
 //! What the names in an expression mean: parameters, `let`s, inputs, states, time, and whatever a path leads to.
 
+use super::angle::Declared;
+use super::equation::Unknown;
 use super::{Elaborator, Entity, Let, LetState, Mode, Param, ParamState, ScopeId, Sought, Typed, Unit, Value};
 use crate::model::Signal;
-use crate::units::Dimension;
+use crate::units::{self, Dimension, Reading};
 use bond_grammar::ast;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -46,7 +48,9 @@ impl<'a> Elaborator<'a> {
                     "t" if path.segments.len() == 1 => return self.time(path.span).map(Value::Scalar),
                     "period" if path.segments.len() == 1 => return Some(Value::Scalar(self.period())),
                     "pi" if path.segments.len() == 1 => {
-                        return Some(Value::Scalar(Typed { expr: self.pool.pi(), unit: Unit::one() }));
+                        // With it, turns become radians.
+                        let unit = Unit::literal(Dimension::DIMENSIONLESS, Reading { radians: 0, certain: false });
+                        return Some(Value::Scalar(Typed { expr: self.pool.pi(), unit }));
                     }
                     _ => {}
                 }
@@ -342,19 +346,27 @@ impl<'a> Elaborator<'a> {
                 Some((Value::List(_), _)) | None => Unit::Any,
             };
             let unit = match (dimension, &default) {
-                (Some(given), Unit::Form(own, unknown)) if unknown.is_empty() && given != *own => {
+                (Some(given), Unit::Form(own, unknown, _)) if unknown.is_empty() && given != *own => {
+                    let words = self.params[p].value.and_then(|(ast, _)| units::as_written(self.sources, ast));
+                    let own_words = words.filter(|_| !own.is_one()).map(|words| format!("in {words}"));
                     let told = |d: Dimension| match d {
                         Dimension::DIMENSIONLESS => "a bare number".to_string(),
-                        d => format!("in {}", d.written()),
+                        d if d == *own
+                            && let Some(words) = &own_words =>
+                        {
+                            words.clone()
+                        }
+                        d => format!("in {d}"),
                     };
                     let message = format!("--set {name}: the value is {}, and `{name}` is {}", told(given), told(*own));
                     let help = format!("give {}, or without a unit in SI", told(*own).replace("in ", "it in "));
                     return self.wrong("elaborate::set", span, message, &help);
                 }
-                (Some(given), Unit::Any) => Unit::known(given),
+                (Some(given), Unit::Any) => Unit::literal(given, Reading { radians: 0, certain: false }),
                 (None, Unit::Any) => Unit::parameter(p),
                 (Some(_) | None, Unit::Form(..)) => default,
             };
+            let unit = self.declared(unit, Unknown::parameter(p), self.params[p].value.map(|v| v.0));
             return self.known_parameter(&name, number, unit, span).map(Value::Scalar);
         }
         let (mut value, ast) = given?;
@@ -367,7 +379,8 @@ impl<'a> Elaborator<'a> {
         names.reverse();
         value.map(&mut |t| {
             let number = self.number(&t, ast)?;
-            self.known_parameter(&names.pop()?, number, t.unit, span)
+            let unit = self.declared(t.unit, Unknown::parameter(p), Some(ast));
+            self.known_parameter(&names.pop()?, number, unit, span)
         })
     }
 
@@ -383,6 +396,21 @@ impl<'a> Elaborator<'a> {
         let head = declared.split(['(', ';', '{', '=']).next().unwrap_or(declared).trim_end();
         let own = name.rsplit('.').next().unwrap_or(name);
         format!("give it where the instance is made, `{head}({own} = ...)`, or with `bond run --set {name}=...`")
+    }
+
+    /// The unit of a parameter or signal that is written with it, so that its use can tell what it says about angles.
+    pub(super) fn declared(&mut self, unit: Unit, unknown: Unknown, ast: Option<&ast::Expr>) -> Unit {
+        let Unit::Form(dimension, terms, angle) = &unit else { return unit };
+        let dimension = *dimension;
+        if !terms.is_empty() || !angle.terms.is_empty() {
+            return unit;
+        }
+        let written = ast.and_then(|ast| units::as_written(self.sources, ast));
+        // 2*pi*50 Hz are radians a second.
+        let says = written.is_some() || dimension.is_one() || angle.radians.0 != 0;
+        let reading = Reading { radians: angle.radians.0, certain: says && !angle.vague };
+        self.angles.push(Declared { unknown, dimension, reading, written });
+        unit.with_angle(unknown)
     }
 
     /// A symbol with this value.

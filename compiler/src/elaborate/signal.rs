@@ -1,10 +1,11 @@
 //! Signals that no bond carries: `input`s, given from outside or where a part is made, and signal states, which
 //! controllers remember with.
 
+use super::equation::Unknown;
 use super::{Elaborator, Entity, Let, LetState, Mode, Param, ScopeId, Typed, Unit, Value};
 use crate::expression::{Node, Symbol};
 use crate::model::{Exchange, Exchanged, Input, Memory, Signal};
-use crate::units::Dimension;
+use crate::units::{Dimension, DisplayUnit};
 use bond_grammar::ast::{Definition, Expr, Field};
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
@@ -236,7 +237,8 @@ impl<'a> Elaborator<'a> {
                 }
             };
             let own = Unit::signal(2 * k + usize::from(of_state));
-            Some(Typed { unit: if typed.unit == Unit::Any { own } else { typed.unit }, ..typed })
+            let unit = self.declared(typed.unit.clone(), Unknown::signal(2 * k + usize::from(of_state)), Some(value));
+            Some(Typed { unit: if unit == Unit::Any { own } else { unit }, ..typed })
         })?;
         Some(Start { value, numbers, first })
     }
@@ -430,7 +432,7 @@ impl<'a> Elaborator<'a> {
     }
 
     /// The signals that parts are given and give, as far as they have been asked for with their units.
-    pub(super) fn exchanges(&self, known: &dyn Fn(&Unit) -> Option<Dimension>) -> Vec<Exchanged> {
+    pub(super) fn exchanges(&self, known: &dyn Fn(&Unit) -> Option<DisplayUnit>) -> Vec<Exchanged> {
         let of = |&(l, way): &(usize, Exchange)| {
             let it = &self.lets[l];
             let name = match way {
@@ -441,7 +443,7 @@ impl<'a> Elaborator<'a> {
                 LetState::Done(Some(value)) => value.leaves().into_iter().map(|(_, t)| known(&t.unit)).collect(),
                 LetState::Done(None) | LetState::New | LetState::Open => Vec::new(),
             };
-            let unit = units.first().copied().flatten().filter(|unit| units.iter().all(|u| *u == Some(*unit)));
+            let unit = units.first().cloned().flatten().filter(|unit| units.iter().all(|u| u.as_ref() == Some(unit)));
             Exchanged { name, way, value: self.words(it.value), unit }
         };
         self.exchanged.iter().map(of).collect()

@@ -2,6 +2,7 @@
 
 use super::{Shown, What, name, node, picture, table};
 use crate::model::{BondId, Law, Variable};
+use crate::units::DisplayUnit;
 use std::fmt::Write;
 
 /// Elements, bonds and parameters.
@@ -43,25 +44,21 @@ fn start(shown: &Shown<'_>, id: crate::model::ElementId, bond: Option<BondId>) -
     format!(
         "{} = {} at 0",
         shown.model.pool.name(s.state),
-        name::quantity(s.initial, bond.and_then(|b| state_unit(shown, id, b)))
+        name::quantity(s.initial, bond.and_then(|b| state_unit(shown, id, b)).as_ref())
     )
 }
 
 /// The unit of a storage's state.
-pub(super) fn state_unit(
-    shown: &Shown<'_>,
-    id: crate::model::ElementId,
-    bond: BondId,
-) -> Option<crate::units::Dimension> {
+pub(super) fn state_unit(shown: &Shown<'_>, id: crate::model::ElementId, bond: BondId) -> Option<DisplayUnit> {
     let c = shown.model.element(id).kind == crate::model::Kind::C;
     let rate = name::bond_unit(shown.model, bond, if c { Variable::Flow } else { Variable::Effort });
-    rate.map(|u| u.mul(crate::units::Dimension::SECOND))
+    rate.map(DisplayUnit::seconds)
 }
 
 /// The units of a bond, `N, m/s`.
 fn units(shown: &Shown<'_>, bond: Option<BondId>) -> String {
     let Some(bond) = bond else { return String::new() };
-    let unit = |v| name::bond_unit(shown.model, bond, v).map_or("?".to_string(), |u| u.to_string());
+    let unit = |v| name::bond_unit(shown.model, bond, v).map_or("?".to_string(), name::in_prose);
     format!("[{}, {}]", unit(Variable::Effort), unit(Variable::Flow))
 }
 
@@ -100,5 +97,5 @@ fn bonds(shown: &Shown<'_>) -> String {
 /// Name, value, unit.
 pub(super) fn parameters(shown: &Shown<'_>) -> Vec<Vec<String>> {
     let all = &shown.model.parameters;
-    all.iter().map(|p| vec![p.name.clone(), format!("= {}", name::quantity(p.value, p.unit))]).collect()
+    all.iter().map(|p| vec![p.name.clone(), format!("= {}", name::quantity(p.value, p.unit.as_ref()))]).collect()
 }

@@ -114,7 +114,7 @@ fn graph(shown: &Shown<'_>) -> Value {
     let parameters: Vec<Value> = model
         .parameters
         .iter()
-        .map(|p| json!(object! { "name": p.name, "value": p.value, "unit": p.unit.map(|u| u.to_string()) }))
+        .map(|p| json!(object! { "name": p.name, "value": p.value, "unit": p.unit.as_ref().map(ToString::to_string) }))
         .collect();
     let diagram = super::picture::diagram(shown, What::Graph);
     let signals = diagram.links.iter().filter(|l| l.bonds.is_none());
@@ -195,7 +195,7 @@ fn probes(shown: &Shown<'_>) -> Value {
     let list = shown.model.probes.iter();
     list.map(|p| {
         json!(
-            object! { "name": p.name, "value": name::expression(pool, p.value), "unit": p.unit.map(|u| u.to_string()) }
+            object! { "name": p.name, "value": name::expression(pool, p.value), "unit": p.unit.as_ref().map(ToString::to_string) }
         )
     })
     .collect()

@@ -20,7 +20,9 @@ pub(super) fn form(model: &mut Model, form: &Form, r: &Region, names: &[String])
     let states: Vec<Value> = r
         .states
         .iter()
-        .map(|s| json!(object! { "name": s.name, "unit": s.unit.map(|u| u.to_string()), "initial": s.initial }))
+        .map(|s| {
+            json!(object! { "name": s.name, "unit": s.unit.as_ref().map(ToString::to_string), "initial": s.initial })
+        })
         .collect();
     let large = r.states.len() > SIZES.dense_states;
     let mut o = object! {

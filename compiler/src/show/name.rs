@@ -5,7 +5,7 @@ use super::modulation::is_modulated;
 use crate::expression::{Expr, Pool};
 use crate::model::{Bond, BondId, Element, ElementId, Kind, Law, Model, OnePort, Signal, TwoPort, Variable};
 use crate::structure::{ColumnId, Form, Role};
-use crate::units::Dimension;
+use crate::units::{self, DisplayUnit};
 use bond_grammar::ast::Stroke;
 use rustc_hash::FxHashMap;
 
@@ -93,17 +93,22 @@ pub(super) fn bond(model: &Model, id: BondId, stroke: Option<Stroke>) -> String 
 }
 
 /// The flow or effort unit of a bond.
-pub(super) fn bond_unit(model: &Model, bond: BondId, variable: Variable) -> Option<Dimension> {
-    let (e, f) = model.units.get(bond.at()).copied().unwrap_or((None, None));
+pub(super) fn bond_unit(model: &Model, bond: BondId, variable: Variable) -> Option<&DisplayUnit> {
+    let (e, f) = model.units.get(bond.at())?;
     match variable {
-        Variable::Effort => e,
-        Variable::Flow => f,
+        Variable::Effort => e.as_ref(),
+        Variable::Flow => f.as_ref(),
     }
 }
 
 /// A unit; empty where it is not known or none.
-pub(super) fn unit(unit: Option<Dimension>) -> String {
+pub(super) fn unit(unit: Option<&DisplayUnit>) -> String {
     unit.filter(|u| !u.is_one()).map(|u| u.to_string()).unwrap_or_default()
+}
+
+/// A unit where one is always said.
+pub(super) fn in_prose(unit: &DisplayUnit) -> String {
+    units::in_prose(&unit.to_string()).to_string()
 }
 
 /// A number as short as it reads back.
@@ -112,7 +117,7 @@ pub(super) fn number(x: f64) -> String {
 }
 
 /// A number with its unit.
-pub(super) fn quantity(x: f64, u: Option<Dimension>) -> String {
+pub(super) fn quantity(x: f64, u: Option<&DisplayUnit>) -> String {
     format!("{} {}", number(x), unit(u)).trim_end().to_string()
 }
 

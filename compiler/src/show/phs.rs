@@ -52,7 +52,7 @@ pub(super) fn states(r: &Region, text: &mut String) {
     let rows: Vec<Vec<String>> = r
         .states
         .iter()
-        .map(|s| vec![s.name.clone(), format!("= {} at 0", name::quantity(s.initial, s.unit))])
+        .map(|s| vec![s.name.clone(), format!("= {} at 0", name::quantity(s.initial, s.unit.as_ref()))])
         .collect();
     text.push_str(&table::lines(4, &rows));
 }

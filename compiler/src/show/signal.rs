@@ -6,6 +6,7 @@ use super::{Shown, name, table};
 use crate::expression::Expr;
 use crate::model::{Delay, Delayed, Exchange, Memory, Model};
 use crate::structure::Form;
+use crate::units::DisplayUnit;
 use serde_json::{Map, Value, json};
 
 /// `dz/dt` or `next z`, and the period of one that moves from sample to sample.
@@ -25,20 +26,17 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
     let rows: Vec<Vec<String>> = model
         .inputs
         .iter()
-        .map(|i| vec![i.name.clone(), format!("= {} where nothing is given", name::quantity(i.value, i.unit))])
+        .map(|i| vec![i.name.clone(), format!("= {} where nothing is given", name::quantity(i.value, i.unit.as_ref()))])
         .collect();
     if !rows.is_empty() {
         text.push_str("\ninputs from outside\n");
         text.push_str(&table::lines(2, &rows));
     }
-    let unit = |u: Option<crate::units::Dimension>| match u {
-        Some(u) if !u.is_one() => format!("[{u}]"),
-        Some(_) | None => String::new(),
-    };
+    let unit = |u: &Option<DisplayUnit>| u.as_ref().map_or_else(String::new, |u| format!("[{}]", name::in_prose(u)));
     for (way, title) in [(Exchange::Input, "inputs of parts"), (Exchange::Output, "outputs of parts")] {
         let of_way = model.exchanged.iter().filter(|e| e.way == way);
         let rows: Vec<Vec<String>> =
-            of_way.map(|e| vec![e.name.clone(), format!("= {}", e.value), unit(e.unit)]).collect();
+            of_way.map(|e| vec![e.name.clone(), format!("= {}", e.value), unit(&e.unit)]).collect();
         if !rows.is_empty() {
             text.push_str(&format!("\n{title}\n{}", table::lines(2, &rows)));
         }
@@ -49,7 +47,7 @@ pub(super) fn text(shown: &Shown<'_>) -> String {
         let clock = period.map_or_else(String::new, |p| format!("every {} s", name::number(p)));
         let out = if out(shown, i) { UNNEEDED } else { "" };
         let law = format!("{left} = {}{out}", name::expression(&model.pool, *law));
-        rows.push(vec![m.name.clone(), format!("= {} at 0", name::quantity(m.start, m.unit)), law, clock]);
+        rows.push(vec![m.name.clone(), format!("= {} at 0", name::quantity(m.start, m.unit.as_ref())), law, clock]);
     }
     if !rows.is_empty() {
         text.push_str("\nsignal states\n");
@@ -100,17 +98,17 @@ fn by(d: &Delay) -> String {
 pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
     let (model, form) = (&*shown.model, shown.form);
     let mut fields = Map::new();
-    let unit = |u: Option<crate::units::Dimension>| u.map(|u| u.to_string());
+    let unit = |u: &Option<DisplayUnit>| u.as_ref().map(DisplayUnit::to_string);
     if !model.inputs.is_empty() {
         let list = model.inputs.iter();
         let list: Vec<Value> =
-            list.map(|i| json!(object! { "name": i.name, "unit": unit(i.unit), "default": i.value })).collect();
+            list.map(|i| json!(object! { "name": i.name, "unit": unit(&i.unit), "default": i.value })).collect();
         fields.insert("inputs".into(), json!(list));
     }
     for (way, key) in [(Exchange::Input, "inputs_of_parts"), (Exchange::Output, "outputs_of_parts")] {
         let of_way = model.exchanged.iter().filter(|e| e.way == way);
         let list: Vec<Value> =
-            of_way.map(|e| json!(object! { "name": e.name, "unit": unit(e.unit), "value": e.value })).collect();
+            of_way.map(|e| json!(object! { "name": e.name, "unit": unit(&e.unit), "value": e.value })).collect();
         if !list.is_empty() {
             fields.insert(key.into(), json!(list));
         }
@@ -122,7 +120,7 @@ pub(super) fn fields(shown: &Shown<'_>) -> Map<String, Value> {
             .map(|(i, (m, law))| {
                 let period = left(shown, m).1;
                 let key = if period.is_some() { "next" } else { "rate" };
-                let mut o = object! { "name": m.name, "unit": unit(m.unit), "initial": m.start };
+                let mut o = object! { "name": m.name, "unit": unit(&m.unit), "initial": m.start };
                 o.insert(key.into(), json!(name::expression(&model.pool, *law)));
                 o.insert("period".into(), json!(period));
                 if out(shown, i) {

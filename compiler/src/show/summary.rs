@@ -58,7 +58,7 @@ fn one(shown: &mut Shown<'_>, at: usize, names: &[String], text: &mut String) {
     let rows: Vec<Vec<String>> = r
         .states
         .iter()
-        .map(|s| vec![s.name.clone(), format!("= {} at 0", name::quantity(s.initial, s.unit))])
+        .map(|s| vec![s.name.clone(), format!("= {} at 0", name::quantity(s.initial, s.unit.as_ref()))])
         .collect();
     if !rows.is_empty() {
         let _ = write!(text, "  states\n{}", cut(rows, 4, ""));
@@ -136,8 +136,7 @@ fn outputs(shown: &Shown<'_>, text: &mut String) {
             .probes
             .iter()
             .map(|p| {
-                let unit = name::unit(p.unit);
-                let unit = if unit.is_empty() { unit } else { format!("[{unit}]") };
+                let unit = p.unit.as_ref().map_or_else(String::new, |u| format!("[{}]", name::in_prose(u)));
                 vec![p.name.clone(), format!("= {}", name::expression(&model.pool, p.value)), unit]
             })
             .collect();

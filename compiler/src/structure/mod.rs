@@ -28,7 +28,7 @@ use crate::causality::{self, Causality, holder};
 use crate::expression::{Expr, Pool, Symbol};
 use crate::graph::{BondGraph, RegionId};
 use crate::model::{BondId, ElementId, Kind, Law, Model, Variable};
-use crate::units::Dimension;
+use crate::units::DisplayUnit;
 use bond_grammar::diagnostic::{Diagnostic, once};
 use eliminate::Tied;
 use petgraph::graph::{Graph, NodeIndex};
@@ -204,7 +204,7 @@ pub struct State {
     /// Its column; the output is dH/dx, the input dx/dt.
     pub column: ColumnId,
     /// Its unit, where determined.
-    pub unit: Option<Dimension>,
+    pub unit: Option<DisplayUnit>,
     /// Initial value, SI.
     pub initial: f64,
 }

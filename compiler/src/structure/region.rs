@@ -7,6 +7,7 @@ use super::{ColumnId, Form, Group, Output, Region, Role, State, resistor};
 use crate::expression::{Expr, Symbol};
 use crate::graph::BondGraph;
 use crate::model::{ExpectationKind, Law, Model, Variable};
+use crate::units::DisplayUnit;
 use bond_grammar::diagnostic::Diagnostic;
 use bond_grammar::source::Span;
 use rustc_hash::{FxHashMap, FxHashSet};
@@ -73,9 +74,8 @@ fn inputs_and_states(
             Role::Dependent | Role::Resistor | Role::Constraint => {}
             Role::Storage => {
                 let Law::Storage(s) = element.law.clone() else { continue };
-                let (e, f) = r.model.units[c.bond.at()];
-                let unit =
-                    if c.gives == Variable::Effort { f } else { e }.map(|u| u.mul(crate::units::Dimension::SECOND));
+                let (e, f) = &r.model.units[c.bond.at()];
+                let unit = if c.gives == Variable::Effort { f } else { e }.as_ref().map(DisplayUnit::seconds);
                 let (symbol, initial, unit) = match eliminated.states.get(&id) {
                     Some(&(symbol, initial, same)) => (symbol, initial, unit.filter(|_| same)),
                     None => (s.state, s.initial, unit),

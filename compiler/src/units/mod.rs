@@ -1,14 +1,16 @@
 //! Units: their dimensions and their factors to SI.
 //!
-//! `of` reads the unit of a literal, [`Dimension`] is what the checker works on and prints in messages.
+//! `of` reads the unit of a literal, [`Dimension`] is what the checker works on, and [`DisplayUnit`] what is shown.
 
 mod dimension;
+mod display;
 mod factor;
 mod name;
 mod suggest;
 mod table;
 
 pub use dimension::Dimension;
+pub use display::{DisplayUnit, Read, Reading, as_written, in_prose, of_number, read, reading};
 
 use crate::expression::Number;
 use bond_grammar::ast;

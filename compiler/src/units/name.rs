@@ -33,6 +33,10 @@ const COMBINED: &[(&str, &[(D, i32)])] = &[
     ("J/K", &[(D::JOULE, 1), (D::KELVIN, -1)]),
     ("W/K", &[(D::WATT, 1), (D::KELVIN, -1)]),
     ("K/W", &[(D::KELVIN, 1), (D::WATT, -1)]),
+    ("W/K^2", &[(D::WATT, 1), (D::KELVIN, -2)]),
+    ("K^2/W", &[(D::KELVIN, 2), (D::WATT, -1)]),
+    ("J/K^2", &[(D::JOULE, 1), (D::KELVIN, -2)]),
+    ("K^2/J", &[(D::KELVIN, 2), (D::JOULE, -1)]),
     ("W/m/K", &[(D::WATT, 1), (D::METRE, -1), (D::KELVIN, -1)]),
     ("J/kg/K", &[(D::JOULE, 1), (D::KILOGRAM, -1), (D::KELVIN, -1)]),
     ("J/mol", &[(D::JOULE, 1), (D::MOLE, -1)]),
@@ -87,32 +91,22 @@ fn composed(of: D) -> Option<String> {
     best.1
 }
 
-impl D {
-    /// A unit of that dimension as it may be written behind a number: `s^-1` and not `1/s`, `V/s` and not its base
-    /// units; `1` for none.
-    pub fn written(self) -> String {
-        if let Some(name) = familiar(self) {
-            return name.to_string();
+impl fmt::Display for D {
+    /// A unit of that dimension as it may be written behind a number: `N`, `N*s/m`, `s^-1` and not `1/s`, `V/s` and not
+    /// its base units; `1` for none.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(name) = familiar(*self) {
+            return f.write_str(name);
         }
         if let Some(name) = named(self.pow(-1, 1)) {
-            return format!("{name}^-1");
+            return write!(f, "{name}^-1");
         }
-        composed(self).unwrap_or_else(|| match (self.product(), self.first_divisor()) {
+        let text = composed(*self).unwrap_or_else(|| match (self.product(), self.first_divisor()) {
             (product, Some((divisor, rest))) if product.starts_with("1/") => {
                 format!("{divisor}{}", rest.product().trim_start_matches('1'))
             }
             (product, _) => product,
-        })
-    }
-}
-
-impl fmt::Display for D {
-    /// A unit of that dimension that reads well: `N`, `N*s/m`, `1/V`, `kg*m^2/s^3`; `1` for none.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match (familiar(*self), named(self.pow(-1, 1))) {
-            (Some(name), _) => f.write_str(name),
-            (None, Some(name)) => write!(f, "1/{name}"),
-            (None, None) => f.write_str(&self.product()),
-        }
+        });
+        f.write_str(&text)
     }
 }

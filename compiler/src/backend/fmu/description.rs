@@ -2,7 +2,7 @@
 
 use super::{BOOKED, Causality, Fmu, Variable};
 use crate::backend::standalone::StandaloneModule;
-use crate::units::Dimension;
+use crate::units::{self, Dimension, DisplayUnit};
 use bond_runtime::scene::Scene;
 use quick_xml::Writer;
 use quick_xml::events::{BytesDecl, BytesEnd, BytesStart, Event};
@@ -27,7 +27,7 @@ pub(super) fn variables(scene: &Scene, unit: &StandaloneModule) -> Vec<Variable>
     let way = |held| if held { "their product is the power that the outside puts in" } else { "along the half arrow" };
     for (o, p) in scene.open.iter().zip(&unit.open) {
         let (letter, what) = end(o.takes_flow);
-        let rate = o.moved.as_deref().and_then(Dimension::read).map(|d| d.div(Dimension::SECOND).to_string());
+        let rate = o.moved.as_deref().map(rate);
         let about = format!("{what} that the outside gives at the port; {}", way(p.held));
         add(&format!("{}.{letter}", o.name), Causality::Input, rate.as_deref(), about, Some(0.0));
     }
@@ -50,6 +50,14 @@ pub(super) fn variables(scene: &Scene, unit: &StandaloneModule) -> Vec<Variable>
         }
     }
     list
+}
+
+/// The unit of what is moved, per second.
+fn rate(moved: &str) -> String {
+    match units::read(moved) {
+        Some(u) => DisplayUnit::new(u.dimension, (u.reading.radians, 1)).div(&Dimension::SECOND.into()).to_string(),
+        None => Dimension::HERTZ.to_string(),
+    }
 }
 
 /// The text.
@@ -138,15 +146,22 @@ fn write(w: &mut Out, fmu: &Fmu, guid: &str) -> io::Result<()> {
 /// The units of the variables, by base units.
 fn units(w: &mut Out, fmu: &Fmu) -> io::Result<()> {
     let used = fmu.variables.iter().filter_map(|v| v.unit.as_deref());
-    let used: BTreeMap<&str, Option<Dimension>> = used.map(|u| (u, Dimension::read(u))).collect();
+    let used: BTreeMap<&str, Option<units::Read>> = used.map(|u| (u, units::read(u))).collect();
     if used.is_empty() {
         return Ok(());
     }
     element(w, "UnitDefinitions", &[], |w| {
-        used.iter().try_for_each(|(name, dimension)| {
-            let Some(whole) = dimension.and_then(Dimension::whole) else { return empty(w, "Unit", &[("name", name)]) };
-            let powers: Vec<(&str, String)> =
-                whole.into_iter().filter(|(_, n)| *n != 0).map(|(base, n)| (base, n.to_string())).collect();
+        used.iter().try_for_each(|(name, read)| {
+            let whole = read.as_ref().and_then(|u| Some((u.dimension.whole()?, u.radians)));
+            let Some((whole, radians)) = whole else { return empty(w, "Unit", &[("name", name)]) };
+            // A torque is in N*m, and counts no radians there: these are as they are written.
+            let radians = i16::try_from(radians).unwrap_or(0);
+            let powers: Vec<(&str, String)> = whole
+                .into_iter()
+                .chain([("rad", radians)])
+                .filter(|(_, n)| *n != 0)
+                .map(|(base, n)| (base, n.to_string()))
+                .collect();
             let powers: Vec<(&str, &str)> = powers.iter().map(|(base, n)| (*base, n.as_str())).collect();
             element(w, "Unit", &[("name", name)], |w| empty(w, "BaseUnit", &powers))
         })

@@ -82,7 +82,7 @@ pub(crate) fn build(model: &mut Model, form: &Form, place: &dyn Fn(Symbol) -> Op
     for (p, e) in model.probes.iter().zip(&form.probes) {
         put(model, &mut b, &mut lowering, &p.name, *e);
         probes.names.push(p.name.clone());
-        probes.units.push(p.unit.map(|u| u.to_string()));
+        probes.units.push(p.unit.as_ref().map(ToString::to_string));
     }
     let mut watched = 0;
     for (x, list) in model.expectations.iter().zip(&form.expectations) {

@@ -147,7 +147,9 @@ pub(crate) fn steering(model: &Model, form: &Form, source: ColumnId) -> Option<S
 /// Whether a column's bond is of temperature and entropy.
 pub(crate) fn is_thermal(model: &Model, form: &Form, column: ColumnId) -> bool {
     use crate::units::Dimension as D;
-    model.units[form.column(column).bond.at()] == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
+    let (effort, flow) = &model.units[form.column(column).bond.at()];
+    let [effort, flow] = [effort, flow].map(|u| u.as_ref().map(|u| u.dimension));
+    (effort, flow) == (Some(D::KELVIN), Some(D::WATT.div(D::KELVIN)))
 }
 
 /// The entries of a region with these columns, in order.
