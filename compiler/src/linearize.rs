@@ -114,7 +114,7 @@ pub fn linearize(stages: &mut Stages, time: f64, states: &dyn Fn(&str) -> Option
                 right[(k, j)] = x;
             }
         }
-        let solved = point.loops_take(&loops, &right).ok_or_else(|| point.singular(&model.pool))?;
+        let solved = point.solve_loops(&loops, &right).ok_or_else(|| point.singular(&model.pool))?;
         for (k, &i) in looped.iter().enumerate() {
             rows[i] = (0..width).map(|j| (j, solved[(k, j)])).filter(|t| t.1 != 0.0).collect();
         }

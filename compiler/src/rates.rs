@@ -399,13 +399,13 @@ impl Point {
                 residual[k] = residual[k].signum();
             }
         }
-        Some(self.loops_take(&slopes, &residual)?.column(0).into_owned())
+        Some(self.solve_loops(&slopes, &residual)?.column(0).into_owned())
     }
 
-    /// What the unknowns of the loops are that slopes take to what is on the right. What each of constraints carries
-    /// that say the same is not determined: their pivots are damped as in steps, and what that leaves is solved for in
-    /// its turn. What they carry together has all of its digits then.
-    pub(crate) fn loops_take(&self, slopes: &DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    /// Solves the linear equations of the loops: slopes times the unknowns are the right side. Constraints that say the
+    /// same make the slopes singular. Their pivots are damped then, as in steps, and what that leaves of the right side
+    /// is solved for in turn: what the constraints carry together has all of its digits.
+    pub(crate) fn solve_loops(&self, slopes: &DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         let (symbols, part) = &self.shared;
         let is_shared = |k: &usize| symbols.contains(&self.columns[self.looped[*k]].0);
         let shared: Vec<usize> = (0..self.looped.len()).filter(is_shared).collect();

@@ -148,8 +148,9 @@ pub fn assign(model: &mut Model, graph: BondGraph) -> Result<(BondGraph, Causali
     Ok((graph, causality))
 }
 
-/// Has all storages keep their states, where no strokes fit and ratios change with states: a source may drive what
-/// holds its own kind of motion alone as long as constraints that say the same are taken for such as say more.
+/// Has all storages keep their states, in a model with ratios that change with states for which no strokes were found.
+/// Strokes count equations: where constraints say the same, a source drives more equations than there are unknowns, by
+/// that count. With a multiplier for each constraint there is an unknown for each equation. None if that fails too.
 fn tie_all(model: &mut Model, graph: BondGraph) -> Option<(BondGraph, Causality)> {
     let has_borders = model.bonds.iter().any(|b| b.sampled || b.stroke.is_some());
     if !modulation::moves(model) || has_borders || !one_ports(model, &graph, &|kind| kind == Kind::PORT).is_empty() {
